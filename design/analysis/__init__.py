@@ -1,0 +1,1 @@
+"""What can be said of a closed loop: trajectories, sensitivities, estimates, and verdicts."""

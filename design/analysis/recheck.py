@@ -1,0 +1,112 @@
+"""A second opinion on a design, from code that shares nothing with the optimiser's graph.
+
+The equations are written out again in plain numbers, from Newton's and Euler's laws rather than from (2) and (7); the
+integrator is an adaptive one of order 8 (DOP853) in place of the fixed Runge-Kutta step; and the poles are eigenvalues
+of (23). If this disagrees with a solver, this wins.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.model.body import Biped
+from design.model.environment import Scenario
+from design.model.laws import Gains, LawKind
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SecondOpinion:
+    """Toe and heel force and torque (n,) at sample times ``t`` (n,) [N, N m, s]; ``finished`` False after a blow-up."""
+
+    t: Array
+    theta: Array
+    tau: Array
+    F_T: Array
+    F_H: Array
+    finished: bool
+
+
+def second_opinion(
+    biped: Biped, kind: LawKind, theta_d: float, gains: Gains, scenario: Scenario, step: float
+) -> SecondOpinion:
+    """Run the loop again, to a relative tolerance of 1e-10, and read it at the samples of ``step`` [s]."""
+    from scipy.integrate import solve_ivp
+
+    samples = scenario.steps(step)
+    z = np.full((3, len(samples.t)), np.nan)
+    state = np.array([scenario.theta0, scenario.omega0, 0.0])
+    finished = True
+    for start, end in scenario.pieces():
+
+        def slope_of(t: float, z: Array, piece: tuple[float, float] = (start, end)) -> list[float]:
+            F_x, F_y = scenario.force_on(piece, np.array([t]))[:, 0]
+            return _rate(biped, kind, theta_d, gains, z, float(F_x), float(F_y))
+
+        inside = (samples.t >= start) & (samples.t <= end)
+        times = np.unique(samples.t[inside])
+        run = solve_ivp(
+            slope_of, (start, end), state, method="DOP853", rtol=1e-10, atol=1e-12, t_eval=times, events=_blow_up
+        )
+        z[:, np.flatnonzero(inside)[: 0 if not run.success else None]] = (
+            run.y[:, np.searchsorted(run.t, samples.t[inside]).clip(max=len(run.t) - 1)] if len(run.t) else np.nan
+        )
+        if not run.success or run.status == 1:
+            finished = False
+            break
+        state = run.y[:, -1]
+    tau, F_T, F_H = _reactions(biped, kind, theta_d, gains, z, samples.force)
+    return SecondOpinion(t=samples.t, theta=z[0], tau=tau, F_T=F_T, F_H=F_H, finished=finished)
+
+
+def _blow_up(t: float, z: Array) -> float:
+    return 10.0 - abs(float(z[0]))
+
+
+_blow_up.terminal = True  # type: ignore[attr-defined]
+
+
+def _torque(biped: Biped, kind: LawKind, theta_d: float, gains: Gains, z: Array) -> Array:
+    factor = {"pd": 0.0, "force": gains.K_f, "cop": gains.K_f * (biped.M + biped.m) * biped.g / biped.ell}[kind]
+    return np.asarray(gains.K_p * (theta_d - z[0]) - gains.K_d * z[1] + factor * z[2])
+
+
+def _reactions(
+    biped: Biped, kind: LawKind, theta_d: float, gains: Gains, z: Array, force: Array
+) -> tuple[Array, Array, Array]:
+    """Torque, toe and heel force: the centre of gravity's vertical motion, then the foot's moment balance."""
+    theta, omega = z[0], z[1]
+    tau = _torque(biped, kind, theta_d, gains, z)
+    turning = _turning(biped, np.sin(theta), np.cos(theta), tau, force[0], force[1])
+    rising = -biped.L * (turning * np.sin(theta) + omega**2 * np.cos(theta))  # second derivative of L cos(theta)
+    pressing = biped.M * (rising + biped.g) - force[1]  # of the body on the foot
+    total = pressing + biped.m * biped.g
+    return tau, 0.5 * (total - tau / biped.ell), 0.5 * (total + tau / biped.ell)
+
+
+def _turning(biped: Biped, sine: Array, cosine: Array, tau: Array, F_x: Array, F_y: Array) -> Array:
+    """Angular acceleration: the moments about the ankle of weight, external force and torque."""
+    lever_x, lever_y = biped.L * sine, biped.L * cosine
+    return np.asarray(((biped.M * biped.g - F_y) * lever_x + F_x * lever_y + tau) / biped.I)
+
+
+def _rate(
+    biped: Biped, kind: LawKind, theta_d: float, gains: Gains, z: Array, F_x: float, F_y: float
+) -> list[float]:
+    theta, omega, s = float(z[0]), float(z[1]), float(z[2])
+    ell, L = biped.ell, biped.L
+    factor = {"pd": 0.0, "force": gains.K_f, "cop": gains.K_f * (biped.M + biped.m) * biped.g / ell}[kind]
+    tau = gains.K_p * (theta_d - theta) - gains.K_d * omega + factor * s
+    sine, cosine = math.sin(theta), math.cos(theta)
+    turning = ((biped.M * biped.g - F_y) * L * sine + F_x * L * cosine + tau) / biped.I
+    if kind == "cop":
+        total = biped.M * (biped.g - L * (turning * sine + omega**2 * cosine)) - F_y + biped.m * biped.g
+        gathering = tau / total if total else math.inf
+    else:
+        gathering = 0.0 if kind == "pd" else tau / ell
+    return [omega, turning, gathering]

@@ -1,0 +1,116 @@
+"""One closed-loop run: the Runge-Kutta method at the spec's step, as the paper does it.
+
+Contact forces may go negative, as in the paper; the first instant of lost contact is a fact of the trajectory, and so
+is a fall, at which the trajectory ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from design.analysis.estimate import static_estimate
+from design.model.closed_loop import ClosedLoop
+from design.model.environment import Scenario, Steps
+from design.model.laws import Gains
+
+Array = NDArray[np.float64]
+
+FALLEN = 0.5 * np.pi
+"""|theta| at which the body counts as fallen [rad]."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trajectory:
+    """Samples of one run, each array (n,) but F and F_estimate (2, n), in SI units.
+
+    ``alpha`` is None where the scenario is not a slope. ``fallen`` is the time of the fall, after which nothing is
+    stored, or None.
+    """
+
+    scenario: str
+    t: Array
+    theta: Array
+    omega: Array
+    s: Array
+    tau: Array
+    F_T: Array
+    F_H: Array
+    P: Array
+    F: Array
+    F_estimate: Array
+    alpha: Array | None
+    fallen: float | None
+
+    @property
+    def lost_contact(self) -> tuple[float, str] | None:
+        """The first instant [s] at which a contact force is negative, and which (``toe`` or ``heel``)."""
+        lost = np.flatnonzero((self.F_T < 0) | (self.F_H < 0))
+        if not len(lost):
+            return None
+        first = int(lost[0])
+        return float(self.t[first]), "toe" if self.F_T[first] < 0 else "heel"
+
+
+def integrate(loop: ClosedLoop, scenario: Scenario, gains: Gains, steps: Steps) -> Array:
+    """States z = (theta, omega, s) at the samples, (3, N+1); non-finite after a blow-up."""
+    count = len(steps.h)
+    inputs = np.vstack([steps.h, steps.start, steps.middle, steps.end])
+    z0 = np.array([scenario.theta0, scenario.omega0, 0.0])
+    states = _march(loop, count)(z0, inputs, np.tile(np.array(gains)[:, None], count))
+    return np.column_stack([z0, states.full()])
+
+
+@lru_cache(maxsize=64)
+def _march(loop: ClosedLoop, count: int) -> ca.Function:
+    """``count`` steps of ``loop``, built once: CasADi does not give back what it builds."""
+    return loop.step.mapaccum("march", count)
+
+
+@lru_cache(maxsize=64)
+def _readout(loop: ClosedLoop, count: int) -> ca.Function:
+    return loop.readout.map(count)
+
+
+def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float) -> Trajectory:
+    """Run ``loop`` with ``gains`` through ``scenario``, with Runge-Kutta steps of ``step`` [s]."""
+    steps = scenario.steps(step)
+    z = integrate(loop, scenario, gains, steps)
+    upright = np.all(np.isfinite(z), axis=0) & (np.abs(z[0]) < FALLEN)
+    fallen = None
+    if not upright.all():
+        end = max(int(np.argmin(upright)), 1)
+        fallen = float(steps.t[end]) if end < len(steps.t) else float(steps.t[-1])
+        z = z[:, :end]
+    n = z.shape[1]
+    force = steps.force[:, :n]
+    gains_row = np.tile(np.array(gains)[:, None], n)
+    tau, F_T, F_H = _readout(loop, n)(z, force, gains_row).full()
+    tau, F_T, F_H = (np.atleast_1d(part) for part in (tau, F_T, F_H))
+    with np.errstate(all="ignore"):
+        P = (F_T - F_H) * loop.biped.ell / (F_T + F_H)  # (18)
+    return Trajectory(
+        scenario=scenario.name,
+        t=steps.t[:n],
+        theta=z[0],
+        omega=z[1],
+        s=z[2],
+        tau=tau,
+        F_T=F_T,
+        F_H=F_H,
+        P=P,
+        F=force,
+        F_estimate=np.vstack(static_estimate(loop.biped, z[0], F_T, F_H)),
+        alpha=steps.signal[0, :n] if scenario.kind == "slope" else None,
+        fallen=fallen,
+    )
+
+
+def components(quantity: ca.Function, trajectory: Trajectory) -> Array:
+    """A limit's ``quantity`` along a trajectory, (c, n)."""
+    x = np.vstack([trajectory.theta, trajectory.omega])
+    return np.asarray(quantity.map(x.shape[1])(x, trajectory.tau[None, :], trajectory.F).full())

@@ -1,0 +1,54 @@
+"""A quick look over the whole box of gains: where is it feasible, and where is the objective good?
+
+Quasi-random points (Sobol), half of them spread linearly and half logarithmically, each judged on a coarse time grid.
+From the best of them that lie apart an optimiser starts; nothing else is concluded from a survey.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+DECADES = 4.0
+"""How far below the upper bound the logarithmic half reaches."""
+
+
+def candidates(lower: Array, upper: Array, count: int, seed: int = 0) -> Array:
+    """``count`` points (count, n) in the box ``lower``, ``upper`` (n,), the same ones at every call."""
+    from scipy.stats import qmc
+
+    free = upper > lower
+    cube = qmc.Sobol(d=lower.size, scramble=True, rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))
+    linear = lower + cube * (upper - lower)
+    floor = np.maximum(lower, upper * 10.0**-DECADES)
+    with np.errstate(all="ignore"):
+        spread = np.where(free, floor * (upper / np.where(floor > 0, floor, 1.0)) ** cube, lower)
+    half = len(cube) // 2
+    return np.asarray(np.vstack([linear[:half], spread[half:]]))
+
+
+def best_apart(points: Array, merit: Array, count: int, lower: Array, upper: Array, distance: float = 0.15) -> Array:
+    """The ``count`` points of highest ``merit`` that lie ``distance`` apart in the unit box (fewer if there are not)."""
+    span = np.where(upper > lower, upper - lower, 1.0)
+    unit = (points - lower) / span
+    chosen: list[int] = []
+    for index in np.argsort(-merit, kind="stable"):
+        if all(np.linalg.norm(unit[index] - unit[other]) >= distance for other in chosen):
+            chosen.append(int(index))
+        if len(chosen) == count:
+            break
+    return np.asarray(points[chosen])
+
+
+def in_batches(function: Callable[[Array], Array], points: Array, size: int = 64) -> Array:
+    """``function`` maps (n, size) to (r, size); the same for all ``points`` (count, n), padded: (r, count)."""
+    parts = []
+    for start in range(0, len(points), size):
+        part = points[start : start + size]
+        padded = np.vstack([part, np.repeat(part[-1:], size - len(part), axis=0)])
+        parts.append(function(padded.T)[:, : len(part)])
+    return np.hstack(parts)

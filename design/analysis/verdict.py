@@ -1,0 +1,177 @@
+"""Rows: each limit in each scenario, its value, what is required, the margin, and whether it is met.
+
+A row's status is decided here and nowhere else. The verdict is over the hard rows that require something; a row that
+requires nothing informs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from design.analysis.simulate import Trajectory, components, simulate
+from design.model.closed_loop import ClosedLoop, closed_loop
+from design.model.environment import Scenario
+from design.model.laws import Gains
+from design.model.limits import Limit, Required, limits
+from design.model.stability import (
+    characteristic,
+    closed_loop_matrix,
+    deciding_points,
+    decay_rate,
+    routh_hurwitz,
+)
+from design.spec.setting import Setting
+
+RowStatus = Literal["met", "violated", "undecided"]
+Basis = Literal["exact", "sampled", "proved"]
+
+RUNGE_KUTTA_LIMIT = 2.5
+"""|lambda| h beyond which the fourth-order Runge-Kutta method is not trusted; it is unstable from 2.78 on."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One checked statement; ``margin`` >= 0 (for (27)-(29) and the decay rate > 0) means met.
+
+    ``value``, ``required`` and ``margin`` in ``unit``; None where there is none. ``time_s``: where it is worst.
+    """
+
+    id: str
+    equation: str
+    scenario: str | None
+    unit: str
+    value: float | None
+    required: float | None
+    margin: float | None
+    status: RowStatus
+    time_s: float | None
+    basis: Basis
+    soft: bool = False
+    note: str = ""
+
+    @property
+    def counts(self) -> bool:
+        """Whether the verdict depends on this row."""
+        return self.required is not None and not self.soft
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Verdict:
+    """All rows of one design, and the runs that they were read from."""
+
+    rows: tuple[Row, ...]
+    trajectories: tuple[Trajectory, ...]
+
+    @property
+    def overall(self) -> RowStatus:
+        """``violated`` if any row that counts is; else ``undecided`` if any is, or if none counts; else ``met``."""
+        counting = [row.status for row in self.rows if row.counts]
+        if "violated" in counting:
+            return "violated"
+        return "undecided" if "undecided" in counting or not counting else "met"
+
+
+def judge(setting: Setting, gains: Gains) -> Verdict:
+    """Check ``gains`` against every requirement of ``setting`` in every scenario."""
+    loop = closed_loop(setting.biped, setting.law, setting.theta_d)
+    bounds = limits(loop.plant, setting.required)
+    rows: list[Row] = []
+    trajectories = []
+    for scenario in setting.scenarios:
+        rows += stability_rows(setting, scenario, gains)
+        trajectory = simulate(loop, scenario, gains, setting.step)
+        trajectories.append(trajectory)
+        distrust = coarse_step(loop, scenario, gains, setting.step)
+        rows += [limit_row(limit, trajectory, distrust) for limit in bounds]
+    return Verdict(rows=tuple(rows), trajectories=tuple(trajectories))
+
+
+def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[Row]:
+    """(27)-(29) and the decay rate, at the environment of ``scenario`` that is worst for each."""
+    biped, kind = setting.biped, setting.law
+    environments = list(zip(*deciding_points(kind, *scenario.operating_points(biped)), strict=True))
+    equations = {"stiffness": "(27)", "damping": "(28)", "routh": "(29)"}
+    units = {"stiffness": "N m/rad", "damping": "N m s/rad" if kind == "pd" else "m/s", "routh": "N² m² s"}
+    worst: dict[str, tuple[float, float]] = {}
+    for A, load in environments:
+        for row, pairs in routh_hurwitz(biped, kind, gains, A, load).items():
+            for pair in pairs:
+                if row not in worst or pair[0] - pair[1] < worst[row][0] - worst[row][1]:
+                    worst[row] = pair
+    rows = [
+        Row(
+            id=row, equation=equations[row], scenario=scenario.name, unit=units[row], value=float(left),
+            required=float(right), margin=float(left - right), status="met" if left > right else "violated",
+            time_s=None, basis="exact",
+        )
+        for row, (left, right) in worst.items()
+    ]  # fmt: skip
+    sigma = min(decay_rate(characteristic(biped, kind, gains, A, load)) for A, load in environments)
+    required = setting.required.get("decay-rate", Required(level=0.0))
+    met = sigma > 0 and sigma >= required.level
+    rows.append(
+        Row(
+            id="decay-rate", equation="(24)", scenario=scenario.name, unit="1/s", value=sigma,
+            required=required.level, margin=sigma - required.level, status="met" if met else "violated",
+            time_s=None, basis="exact", soft=required.soft and sigma > 0,
+        )
+    )  # fmt: skip
+    return rows
+
+
+def coarse_step(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float) -> str:
+    """Why the Runge-Kutta ``step`` [s] cannot be trusted with these gains, or an empty string."""
+    biped = loop.biped
+    points = zip(*deciding_points(loop.law.kind, *scenario.operating_points(biped)), strict=True)
+    with np.errstate(all="ignore"):
+        matrices = [closed_loop_matrix(biped, loop.law.kind, gains, A, load) for A, load in points]
+    if not all(np.isfinite(matrix).all() for matrix in matrices):
+        return "the linearised loop is not finite"
+    fastest = max(float(np.abs(np.linalg.eigvals(matrix)).max()) for matrix in matrices)
+    if fastest * step <= RUNGE_KUTTA_LIMIT:
+        return ""
+    return (
+        f"the time step of {step:g} s is too coarse for a pole at {fastest:.4g} 1/s;"
+        f" set simulation.time_step_s to at most {0.5 * RUNGE_KUTTA_LIMIT / fastest:.2g}"
+    )
+
+
+def limit_row(limit: Limit, trajectory: Trajectory, distrust: str = "") -> Row:
+    """The row of ``limit`` along ``trajectory``: its worst sample, and whether that meets the level."""
+    values = limit.value(components(limit.quantity, trajectory))
+    required = limit.required
+    level = required.level if required else 0.0
+    facts: dict[str, Any] = {
+        "id": limit.id, "equation": limit.equation, "scenario": trajectory.scenario, "unit": limit.unit,
+        "required": required.level if required else None, "basis": "sampled",
+        "soft": bool(required and required.soft),
+    }  # fmt: skip
+    finite = np.isfinite(values)
+    if distrust or not finite.any():
+        return Row(**facts, value=None, margin=None, status="undecided", time_s=None, note=distrust or "no finite value")
+    margins = np.where(finite, limit.margin(values, level), np.inf)
+    at = int(np.argmin(margins))
+    value, margin = float(values[at]), float(margins[at])
+    notes = []
+    if trajectory.fallen is not None:
+        notes.append(f"falls at {trajectory.fallen:.3f} s")
+    if not finite.all():
+        notes.append(f"no load on the foot at {trajectory.t[int(np.argmin(finite))]:.3f} s")
+    met = margin >= 0 and not notes
+    if limit.floor is not None and (limit.margin(value, limit.floor) < 0 or notes):
+        facts["soft"] = False
+    return Row(
+        **facts, value=value, margin=margin if required else None, status="met" if met else "violated",
+        time_s=float(trajectory.t[at]), note="; ".join(notes),
+    )  # fmt: skip
+
+
+def worst(rows: Sequence[Row], id: str) -> Row:
+    """The row of this ``id`` with the smallest margin over the scenarios."""
+    return min(
+        (row for row in rows if row.id == id), key=lambda row: -np.inf if row.margin is None else row.margin
+    )

@@ -1,0 +1,34 @@
+"""Errors that a user can act on.
+
+::
+
+    PoiseError            anything that Poise says on purpose; one line
+    ├── BadInput          what was given cannot be used: file, key, value, what is allowed   (exit 2)
+    └── Unsolved          the value of an outcome was asked for, but its status is not "solved"
+
+Each stores its facts; the sentence is made from them.
+"""
+
+from __future__ import annotations
+
+
+class PoiseError(Exception):
+    """Base of the errors that Poise raises on purpose; ``str()`` is one line for the user."""
+
+
+class BadInput(PoiseError):
+    """An input that cannot be used.
+
+    Parameters: ``message`` says what was got, what is needed and what to do, in this order; ``file`` and ``key``
+    say where; ``others`` counts further problems of the same file.
+    """
+
+    def __init__(self, message: str, *, file: str | None = None, key: str | None = None, others: int = 0) -> None:
+        self.message, self.file, self.key, self.others = message, file, key, others
+        where = ": ".join(part for part in (file, key) if part)
+        more = f" (and {others} more problem{'s' * (others > 1)} in this file)" if others else ""
+        super().__init__(" ".join(f"{where}: {message}{more}".removeprefix(": ").split()))
+
+
+class Unsolved(PoiseError):
+    """The value of an outcome that has none."""

@@ -1,0 +1,138 @@
+"""Local stability of the stationary posture, (23)-(29), and the decay rate.
+
+On flat ground contact the linearised loop has, for the laws (8) and (20), the characteristic polynomial
+lambda^3 + p_2 lambda^2 + p_1 lambda + p_0 (24)-(25). Law (20) divides by the measured load F_T + F_H, so its K_f acts
+(M + m) g / (F_T + F_H) times as strongly. Law pd has lambda^2 + (K_d/I) lambda + (K_p - A L)/I, taken at its
+stiffest demand, theta = theta_f.
+
+Every pole has a real part of at most -sigma if and only if the polynomial in mu = lambda + sigma has no root in the
+open right half-plane. For law (8) the tests on its coefficients are affine in A, so that over a range of A its two
+ends decide; the same holds for pd.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.model.body import Biped
+from design.model.laws import Gains, LawKind
+
+Array = NDArray[np.float64]
+
+
+def characteristic(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) -> tuple[Any, ...]:
+    """Coefficients after the leading 1, highest power first: (p_2, p_1, p_0), or (p_1, p_0) for law pd; (25).
+
+    ``K`` = (K_p, K_d, K_f), ``A`` [N] (3), ``load`` = F_T + F_H at rest [N]: floats, fractions or CasADi expressions.
+    """
+    K_p, K_d, K_f = K[0], K[1], K[2]
+    if kind == "pd":
+        return K_d / biped.I, (K_p - A * biped.L) / biped.I
+    if kind == "cop":
+        K_f = K_f * (biped.weight / load)
+    return K_d / biped.I - K_f / biped.ell, (K_p - A * biped.L) / biped.I, K_f * (A * biped.L / (biped.I * biped.ell))
+
+
+def shifted(p: Sequence[Any], sigma: Any) -> tuple[Any, ...]:
+    """Coefficients of the same monic polynomial in mu = lambda + sigma."""
+    if len(p) == 2:
+        p_1, p_0 = p
+        return p_1 - 2 * sigma, p_0 - p_1 * sigma + sigma**2
+    p_2, p_1, p_0 = p
+    return p_2 - 3 * sigma, p_1 - 2 * p_2 * sigma + 3 * sigma**2, p_0 - p_1 * sigma + p_2 * sigma**2 - sigma**3
+
+
+def is_hurwitz(p: Sequence[Any]) -> bool:
+    """Whether all roots of the monic polynomial of degree 2 or 3 have negative real parts, (26)."""
+    positive = all(c > 0 for c in p)
+    return bool(positive and (len(p) == 2 or p[0] * p[1] > p[2]))
+
+
+def decay_rate(p: Sequence[float]) -> float:
+    """The largest sigma such that every root has a real part of at most -sigma [1/s]; negative if unstable.
+
+    Decided with the exact signs of the shifted polynomial (the coefficients are taken as exact rationals), because
+    at a multiple root, where an optimal design often lies, computed roots keep only a third of their digits.
+    """
+    exact = [Fraction(float(c)) for c in p]
+    estimate = -float(np.roots([1.0, *map(float, p)]).real.max())
+    size = max(abs(float(c)) ** (1 / (k + 1)) for k, c in enumerate(p)) or 1.0
+    width = 1e-9 * size
+    low, high = estimate - width, estimate + width
+    while not is_hurwitz(shifted(exact, Fraction(low))):
+        width *= 4
+        low = estimate - width
+    while is_hurwitz(shifted(exact, Fraction(high))):
+        width *= 4
+        high = estimate + width
+    while high - low > 1e-13 * size:
+        middle = low + 0.5 * (high - low)
+        if not low < middle < high:
+            break
+        low, high = (middle, high) if is_hurwitz(shifted(exact, Fraction(middle))) else (low, middle)
+    return low
+
+
+def closed_loop_matrix(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> Array:
+    """(23) for the states (theta, omega, s) about the stationary posture; (2, 2) without s for law pd."""
+    I, ell = biped.I, biped.ell  # noqa: E741
+    K_p, K_d, K_f = K
+    if kind == "pd":
+        return np.array([[0.0, 1.0], [(A * biped.L - K_p) / I, -K_d / I]])
+    if kind == "cop":  # s' = -P = tau / load, tau = ... + K_F s
+        K_F = K_f * biped.weight / ell
+        torque, gather = np.array([-K_p, -K_d, K_F]), 1.0 / load
+    else:  # s' = tau / ell (11)
+        torque, gather = np.array([-K_p, -K_d, K_f]), 1.0 / ell
+    return np.array([[0.0, 1.0, 0.0], torque / I + np.array([A * biped.L / I, 0.0, 0.0]), gather * torque])
+
+
+def deciding_points(kind: LawKind, A: Array, load: Array) -> tuple[Array, Array]:
+    """Of the environments (A, load), those that decide linear stability over all of them.
+
+    For law (8) and pd the two ends of the range of A; for law (20) all that differ.
+    """
+    if kind != "cop":
+        return np.unique([A.min(), A.max()]), np.full(len(np.unique([A.min(), A.max()])), load[0])
+    pairs = np.unique(np.round(np.column_stack([A, load]), 9), axis=0)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def routh_hurwitz(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) -> dict[str, list[tuple[Any, Any]]]:
+    """(27)-(29) as pairs (left, right) of which left > right is required, by row id.
+
+    ``stiffness`` [N m/rad], ``damping`` [m/s], ``routh`` [N² m² s]. Law pd has no ``routh``, and its ``damping`` is
+    K_d > 0 [N m s/rad].
+    """
+    K_p, K_d, K_f = K[0], K[1], K[2]
+    AL, I, ell = A * biped.L, biped.I, biped.ell  # noqa: E741
+    if kind == "pd":
+        return {"stiffness": [(K_p, AL), (AL, 0.0)], "damping": [(K_d, 0.0)]}
+    if kind == "cop":
+        K_f = K_f * (biped.weight / load)
+    return {
+        "stiffness": [(K_p, AL), (AL, 0.0)],  # (27)
+        "damping": [(ell / I * K_d, K_f), (K_f, 0.0)],  # (28)
+        "routh": [((K_d * ell - K_f * I) * K_p, K_d * ell * AL)],  # (29)
+    }
+
+
+def normalised_slacks(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) -> tuple[Any, ...]:
+    """(27)-(29) without units, each below 1 and > 0 where it holds; the smallest is the ``routh-margin``.
+
+    With kappa = A L/K_p and r = K_f I/(ell K_d): 1 - kappa (27); 1 - r and r (28); 1 - r - kappa (29) divided by
+    K_p K_d ell. For law pd 1 - kappa alone.
+    """
+    K_p, K_d, K_f = K[0], K[1], K[2]
+    kappa = A * biped.L / K_p
+    if kind == "pd":
+        return (1 - kappa,)
+    if kind == "cop":
+        K_f = K_f * (biped.weight / load)
+    r = K_f * biped.I / (biped.ell * K_d)
+    return 1 - kappa, 1 - r, r, 1 - r - kappa

@@ -1,0 +1,296 @@
+"""The spec file as pydantic models: every key with its unit, its range and what it means.
+
+One statement serves the loader's checks, the messages, and the JSON Schema with which an editor completes and
+checks a spec. Numbers are finite, and neither booleans nor strings; unknown keys are errors.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+SCHEMA_VERSION = 1
+"""The version of the spec file that this Poise reads."""
+
+MAX_STEPS = 2_000_000
+"""The largest number of integration steps of one scenario."""
+
+
+def _plain_number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        kind = {bool: "a boolean", str: "a string"}.get(type(value), f"a {type(value).__name__}")
+        hint = f"; write {value} without quotes" if isinstance(value, str) and _is_number(value) else ""
+        message = f"is {kind}; needs a number{hint}"
+        raise ValueError(message)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        message = f"is {number}; needs a finite number"
+        raise ValueError(message)
+    if number == 0.0 and math.copysign(1.0, number) < 0:
+        message = "is -0.0; write 0.0"
+        raise ValueError(message)
+    return number
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+Number = Annotated[float, BeforeValidator(_plain_number)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_. -]{0,63}$")]
+
+
+class Table(BaseModel):
+    """A table of the spec file: frozen, and closed to unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class BodyTable(Table):
+    """The body: one rigid link on the ankle."""
+
+    mass_kg: Number = Field(gt=0, le=1000, description="mass M of the body, without the foot [kg]")
+    com_height_m: Number = Field(
+        gt=0, le=1000, description="distance L from the ankle to the body's centre of gravity [m]"
+    )
+    inertia_kgm2: Number | None = Field(
+        default=None,
+        gt=0,
+        le=1e9,
+        description="inertia I of the body about the ankle [kg m²]; left out: 4/3 M L², a uniform rod of length 2 L",
+    )
+
+
+class FootTable(Table):
+    """The foot: flat, symmetric, in contact at toe and heel only."""
+
+    mass_kg: Number = Field(ge=0, le=100, description="mass m of the foot [kg]")
+    half_length_m: Number = Field(gt=0, le=10, description="distance ℓ from the ankle to the toe, and to the heel [m]")
+
+
+class ScenarioTable(Table):
+    """What every scenario has."""
+
+    name: Name = Field(description="name of the scenario, used in results")
+    duration_s: Number = Field(gt=0, le=3600, description="how long it is watched [s]")
+    initial_angle_deg: Number = Field(default=0.0, ge=-90, le=90, description="ankle angle θ at t = 0 [deg]")
+    initial_rate_deg_per_s: Number = Field(
+        default=0.0, ge=-3600, le=3600, description="its rate at t = 0 [deg/s]"
+    )
+
+
+class SlopeTable(ScenarioTable):
+    """Ground that tilts: (21), (22)."""
+
+    kind: Literal["slope"]
+    angle_deg: Number = Field(ge=-180, le=180, description="final slope α, downhill on the toe side if > 0 [deg]")
+    ramp_s: Number = Field(
+        default=0.0, ge=0, le=3600, description="time in which α grows from 0; 0 is a sudden slope at t = 0 [s]"
+    )
+
+
+class ForceTable(ScenarioTable):
+    """A constant force on the centre of gravity, e.g. wind, reached linearly."""
+
+    kind: Literal["force"]
+    fx_n: Number = Field(ge=-1e6, le=1e6, description="final horizontal force F_x, forward if > 0 [N]")
+    fy_n: Number = Field(default=0.0, ge=-1e6, le=1e6, description="final vertical force F_y, up if > 0 [N]")
+    ramp_s: Number = Field(default=0.0, ge=0, le=3600, description="time in which it grows from 0 [s]")
+
+
+def _rising(points: list[list[float]]) -> list[list[float]]:
+    for (before, *_), (after, *_) in zip(points, points[1:], strict=False):
+        if after < before:
+            message = f"times must not fall: {after} comes after {before}; sort the points by time"
+            raise ValueError(message)
+    if points[0][0] < 0:
+        message = f"first time is {points[0][0]}; needs >= 0"
+        raise ValueError(message)
+    return points
+
+
+def _points(width: int, what: str) -> Any:
+    return Annotated[
+        list[Annotated[list[Number], Field(min_length=width, max_length=width)]],
+        Field(min_length=1, max_length=100_000, description=what),
+    ]
+
+
+class PlatformTable(ScenarioTable):
+    """A vehicle's floor that accelerates: F_x = -M a."""
+
+    kind: Literal["platform"]
+    acceleration_mps2: _points(
+        2, "[[t, a], ...]: acceleration of the floor, piecewise linear, held after the last; equal times: a jump"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> PlatformTable:
+        _rising(self.acceleration_mps2)
+        return self
+
+
+class ProfileTable(ScenarioTable):
+    """Any force over time."""
+
+    kind: Literal["profile"]
+    points: _points(
+        3, "[[t, fx, fy], ...]: force on the centre of gravity, piecewise linear, held after the last; equal times: a jump"
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> ProfileTable:
+        _rising(self.points)
+        return self
+
+
+AnyScenario = Annotated[SlopeTable | ForceTable | PlatformTable | ProfileTable, Field(discriminator="kind")]
+
+
+class LawTable(Table):
+    """The control law and its gains."""
+
+    kind: Literal["pd", "force", "cop"] = Field(
+        description="pd: K_f = 0; force: law (8); cop: law (20) with K_F = kf (M+m) g / half_length"
+    )
+    kp: Number | None = Field(default=None, ge=0, le=1e9, description="gain K_p on the angle [N m/rad]")
+    kd: Number | None = Field(default=None, ge=0, le=1e9, description="gain K_d on the rate [N m s/rad]")
+    kf: Number | None = Field(default=None, ge=0, le=1e9, description="gain K_f on the force integral [m/s]")
+    desired_angle_deg: Number = Field(default=0.0, ge=-90, le=90, description="θ_d of (8) [deg]")
+
+
+def _level_table(value: object, key: str) -> object:
+    return value if isinstance(value, dict) else {key: value}
+
+
+class AtLeast(Table):
+    """A requirement from below: a number, or ``{ min = 20.0, soft = true }``."""
+
+    min: Number = Field(ge=0)
+    soft: bool = Field(default=False, description="a soft requirement is shown when broken, and fails nothing")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _number(cls, value: object) -> object:
+        return _level_table(value, "min")
+
+    @property
+    def level(self) -> float:
+        """The required value, in the unit of its key."""
+        return self.min
+
+
+class AtMost(Table):
+    """A requirement from above: a number, or ``{ max = 40.0, soft = true }``."""
+
+    max: Number = Field(ge=0)
+    soft: bool = Field(default=False, description="a soft requirement is shown when broken, and fails nothing")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _number(cls, value: object) -> object:
+        return _level_table(value, "max")
+
+    @property
+    def level(self) -> float:
+        """The allowed value, in the unit of its key."""
+        return self.max
+
+
+class RequirementsTable(Table):
+    """What the closed loop must keep; contact and stability are always required."""
+
+    contact_force_n: AtLeast = Field(
+        default=AtLeast(min=0.0), description="F_T and F_H at least this, everywhere along every scenario [N]"
+    )
+    decay_rate_per_s: AtLeast = Field(
+        default=AtLeast(min=0.0), description="every pole's real part at most minus this, over each scenario [1/s]"
+    )
+    cop_margin_m: AtLeast = Field(
+        default=AtLeast(min=0.0), description="distance of the CoP from the nearer end of the foot at least this [m]"
+    )
+    torque_nm: AtMost | None = Field(default=None, description="|τ| at most this [N m]")
+
+
+class BoundsTable(Table):
+    """Lower and upper bound of each gain; equal ones fix it."""
+
+    kp: list[Annotated[Number, Field(ge=0, le=1e9)]] = Field(min_length=2, max_length=2, description="[N m/rad]")
+    kd: list[Annotated[Number, Field(ge=0, le=1e9)]] = Field(min_length=2, max_length=2, description="[N m s/rad]")
+    kf: list[Annotated[Number, Field(ge=0, le=1e9)]] = Field(
+        default=[0.0, 0.0], min_length=2, max_length=2, description="[m/s]; left out for law pd"
+    )
+
+    @model_validator(mode="after")
+    def _ordered(self) -> BoundsTable:
+        for key in ("kp", "kd", "kf"):
+            low, high = getattr(self, key)
+            if low > high:
+                message = f"{key} = [{low}, {high}]: the lower bound is above the upper one; swap them"
+                raise ValueError(message)
+        return self
+
+
+Objective = Literal["decay-rate", "contact-force", "cop-margin", "routh-margin"]
+
+
+class SynthesisTable(Table):
+    """What ``synthesize`` looks for, and where."""
+
+    maximise: Objective = Field(default="decay-rate", description="the margin to maximise")
+    starts: int = Field(default=8, ge=1, le=1000, description="number of starting points")
+    bounds: BoundsTable | None = Field(default=None, description="bounds of the gains")
+
+
+class SimulationTable(Table):
+    """How trajectories are computed."""
+
+    time_step_s: Number = Field(default=0.001, gt=0, le=1.0, description="step of the Runge-Kutta method [s]")
+    gravity_mps2: Number = Field(default=9.81, gt=0, le=1000, description="gravitational acceleration g [m/s²]")
+
+
+class Spec(Table):
+    """A whole spec file."""
+
+    schema_version: Literal[1] = Field(description="version of this format")
+    name: Name = Field(description="name of the problem, used in results")
+    source: str = Field(default="", max_length=2000, description="where its numbers come from")
+    body: BodyTable
+    foot: FootTable
+    scenarios: list[AnyScenario] = Field(min_length=1, max_length=1000, description="what the biped stands through")
+    law: LawTable
+    requirements: RequirementsTable = RequirementsTable()
+    synthesis: SynthesisTable = SynthesisTable()
+    simulation: SimulationTable = SimulationTable()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Spec:
+        names = [scenario.name for scenario in self.scenarios]
+        for index, name in enumerate(names):
+            if name in names[:index]:
+                message = f"scenarios[{index}].name = {name!r} is taken by scenarios[{names.index(name)}]; rename one"
+                raise ValueError(message)
+        for index, scenario in enumerate(self.scenarios):
+            steps = scenario.duration_s / self.simulation.time_step_s
+            if steps > MAX_STEPS:
+                message = (
+                    f"scenarios[{index}] needs {steps:.3g} steps of simulation.time_step_s; at most {MAX_STEPS:,};"
+                    " shorten duration_s or lengthen the step"
+                )
+                raise ValueError(message)
+        return self
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of the spec file, for editors."""
+    schema = Spec.model_json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Poise spec file", **schema}

@@ -1,0 +1,131 @@
+"""A spec in SI units and radians: the records of ``design.model`` that a question is asked about."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from design.errors import BadInput
+from design.model.body import Biped
+from design.model.environment import Scenario, constant_force, platform, profile, slope
+from design.model.laws import Gains, LawKind
+from design.model.limits import Required
+from design.spec.schema import (
+    AnyScenario,
+    ForceTable,
+    Objective,
+    PlatformTable,
+    RequirementsTable,
+    SlopeTable,
+    Spec,
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Setting:
+    """What a spec says, ready to compute with.
+
+    ``required`` maps a row's id (and ``contact-force`` for toe and heel) to its level in the row's unit. ``bounds``
+    (3, 2): lower and upper (K_p, K_d, K_f), or None. ``step`` is the Runge-Kutta step [s].
+    """
+
+    name: str
+    biped: Biped
+    scenarios: tuple[Scenario, ...]
+    law: LawKind
+    theta_d: float
+    gains: Gains | None
+    required: dict[str, Required]
+    maximise: Objective
+    starts: int
+    bounds: np.ndarray | None
+    step: float
+
+    def scenario(self, name: str) -> Scenario:
+        """The scenario of that name; raises ``BadInput`` with the names there are."""
+        for scenario in self.scenarios:
+            if scenario.name == name:
+                return scenario
+        known = ", ".join(scenario.name for scenario in self.scenarios)
+        message = f"no scenario {name!r}; the spec has: {known}"
+        raise BadInput(message, key="--scenario")
+
+    def given_gains(self) -> Gains:
+        """The gains of the spec; raises ``BadInput`` if it has none."""
+        if self.gains is None:
+            message = "gains are missing; give law.kp, law.kd and (unless the law is pd) law.kf, or --gains KP,KD,KF"
+            raise BadInput(message, key="law")
+        return self.gains
+
+    def with_law(self, kind: LawKind | None = None, gains: Gains | None = None) -> Setting:
+        """The same setting under another law or other gains; under pd K_f is 0."""
+        kind = kind or self.law
+        gains = gains or self.gains
+        return replace(self, law=kind, gains=Gains(gains.K_p, gains.K_d, 0.0) if gains and kind == "pd" else gains)
+
+
+def setting(spec: Spec) -> Setting:
+    """Convert a checked spec to SI units."""
+    body, foot = spec.body, spec.foot
+    inertia = body.inertia_kgm2
+    if inertia is None:
+        inertia = 4.0 / 3.0 * body.mass_kg * body.com_height_m**2
+    biped = Biped(
+        M=body.mass_kg, L=body.com_height_m, I=inertia, m=foot.mass_kg, ell=foot.half_length_m,
+        g=spec.simulation.gravity_mps2,
+    )  # fmt: skip
+    bounds = spec.synthesis.bounds
+    return Setting(
+        name=spec.name,
+        biped=biped,
+        scenarios=tuple(_scenario(biped, table) for table in spec.scenarios),
+        law=spec.law.kind,
+        theta_d=math.radians(spec.law.desired_angle_deg),
+        gains=_gains(spec),
+        required=_required(spec.requirements),
+        maximise=spec.synthesis.maximise,
+        starts=spec.synthesis.starts,
+        bounds=None if bounds is None else np.array([bounds.kp, bounds.kd, bounds.kf], dtype=float),
+        step=spec.simulation.time_step_s,
+    )
+
+
+def _gains(spec: Spec) -> Gains | None:
+    law = spec.law
+    K_f = 0.0 if law.kind == "pd" else law.kf
+    if law.kp is None or law.kd is None or K_f is None:
+        return None
+    return Gains(law.kp, law.kd, K_f)
+
+
+def _required(table: RequirementsTable) -> dict[str, Required]:
+    ids = {
+        "contact_force_n": "contact-force",
+        "decay_rate_per_s": "decay-rate",
+        "cop_margin_m": "cop-margin",
+        "torque_nm": "torque",
+    }
+    found = {}
+    for key, row in ids.items():
+        wish = getattr(table, key)
+        if wish is not None:
+            found[row] = Required(level=wish.level, soft=wish.soft)
+    return found
+
+
+def _scenario(biped: Biped, table: AnyScenario) -> Scenario:
+    rest = {
+        "name": table.name,
+        "duration": table.duration_s,
+        "theta0": math.radians(table.initial_angle_deg),
+        "omega0": math.radians(table.initial_rate_deg_per_s),
+    }
+    if isinstance(table, SlopeTable):
+        return slope(biped, angle=math.radians(table.angle_deg), ramp=table.ramp_s, **rest)  # type: ignore[arg-type]
+    if isinstance(table, ForceTable):
+        return constant_force(F_x=table.fx_n, F_y=table.fy_n, ramp=table.ramp_s, **rest)  # type: ignore[arg-type]
+    if isinstance(table, PlatformTable):
+        return platform(biped, points=np.array(table.acceleration_mps2), **rest)  # type: ignore[arg-type]
+    return profile(points=np.array(table.points), **rest)  # type: ignore[arg-type]

@@ -1,0 +1,334 @@
+"""The command ``poise``: reads arguments, calls one function, prints, and chooses the exit code.
+
+Exit codes: 0 met; 1 violated, or infeasible with a proof; 2 bad input, usage, or an internal error; 3 undecided; 130
+interrupted. Results go to standard output, everything else to standard error. What computes is imported when it is
+needed, so that ``--help`` is quick.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from design.model.laws import Gains
+    from design.spec.load import Source
+    from design.spec.setting import Setting
+
+app = typer.Typer(
+    name="poise",
+    help=(
+        "Find ankle-torque gains that keep a standing biped's foot on the ground, and check them.\n\n"
+        "SPEC is a TOML file, or the name of a built-in one (see `poise specs`). Start with:\n\n"
+        "    poise synthesize slope"
+    ),
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+MET, VIOLATED, BAD, UNDECIDED, INTERRUPTED = 0, 1, 2, 3, 130
+
+
+class LawName(str, Enum):
+    """The control laws."""
+
+    pd = "pd"
+    force = "force"
+    cop = "cop"
+
+
+class ObjectiveName(str, Enum):
+    """What synthesis maximises."""
+
+    decay = "decay-rate"
+    contact = "contact-force"
+    cop = "cop-margin"
+    routh = "routh-margin"
+
+
+class RunFormat(str, Enum):
+    """How a run is printed."""
+
+    text = "text"
+    csv = "csv"
+    json = "json"
+
+
+class Format(str, Enum):
+    """How a result is printed."""
+
+    text = "text"
+    json = "json"
+
+
+SpecArgument = Annotated[str, typer.Argument(metavar="SPEC", help="TOML file, built-in name, or - for standard input.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Treat implausible numbers as errors.")]
+GainsOption = Annotated[str | None, typer.Option("--gains", metavar="KP,KD,KF", help="Gains instead of the spec's.")]
+LawOption = Annotated[LawName | None, typer.Option("--law", help="Law instead of the spec's.")]
+Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the result to this file.")]
+
+
+@app.command()
+def specs() -> None:
+    """List the built-in specs."""
+    from design.spec.load import builtin_names, parse, builtin_text
+
+    for name in builtin_names():
+        spec = parse(builtin_text(name), origin=name).spec
+        out(f"{name:<14} {', '.join(s.name for s in spec.scenarios):<14} {spec.source}")
+
+
+@app.command()
+def init(name: Annotated[str, typer.Argument(metavar="NAME", help="A built-in spec.")] = "slope") -> None:
+    """Print a built-in spec, commented, to begin one's own: poise init slope > mine.toml."""
+    from design.spec.load import builtin_text
+
+    sys.stdout.write(builtin_text(name))
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of spec files, with which an editor completes and checks them."""
+    from design.present.store import dumps
+    from design.spec.schema import json_schema
+
+    sys.stdout.write(dumps(json_schema()))
+
+
+@app.command()
+def simulate(
+    spec: SpecArgument,
+    scenario: Annotated[str | None, typer.Option("--scenario", metavar="NAME", help="Only this one.")] = None,
+    law: LawOption = None,
+    gains: GainsOption = None,
+    format: Annotated[RunFormat, typer.Option("--format", help="Form of the output.")] = RunFormat.text,
+    plot: Annotated[str | None, typer.Option("--plot", metavar="FILE", help="Draw it: .png, .svg or .pdf.")] = None,
+    output: Output = None,
+    strict: Strict = False,
+) -> None:
+    """Run the closed loop through every scenario, or one."""
+    source, problem = _read(spec, law, gains, strict)
+    from design.analysis.simulate import simulate as run
+    from design.model.closed_loop import closed_loop
+    from design.present import plots, store, text
+
+    picture = plots.format_of(plot) if plot else None
+    chosen = problem.scenarios if scenario is None else (problem.scenario(scenario),)
+    its = problem.given_gains()
+    loop = closed_loop(problem.biped, problem.law, problem.theta_d)
+    runs = [run(loop, each, its, problem.step) for each in chosen]
+    if format is RunFormat.csv:
+        result = text.csv_text(runs)
+    elif format is RunFormat.json:
+        result = store.dumps(store.document("simulate", source, **store.runs_json(problem.law, its, runs)))
+    else:
+        head = [f"{source.spec.name}, law {problem.law}, {text.gains_line(its, problem.law)}"]
+        result = "\n".join([*head, *(line for each in runs for line in text.trajectory_lines(each))]) + "\n"
+    if plot and picture:
+        figure = plots.run_figure(runs, problem.biped.ell, f"{source.spec.name}: {text.gains_line(its, problem.law)}")
+        store.write(plot, plots.figure_bytes(figure, picture))
+    _deliver(result, output)
+
+
+@app.command()
+def synthesize(
+    spec: SpecArgument,
+    maximise: Annotated[ObjectiveName | None, typer.Option("--maximise", help="Instead of the spec's.")] = None,
+    law: LawOption = None,
+    starts: Annotated[int | None, typer.Option("--starts", min=1, max=1000, help="Number of starts.")] = None,
+    time_limit: Annotated[float, typer.Option("--time-limit", min=0.1, help="Seconds after which to give up.")] = 600.0,
+    format: Annotated[Format, typer.Option("--format", help="Form of the output.")] = Format.text,
+    output: Output = None,
+    strict: Strict = False,
+) -> None:
+    """Find the gains with the largest margin that meet every requirement in every scenario.
+
+    With -o FILE the design is written as JSON, for `poise report FILE`.
+    """
+    source, problem = _read(spec, law, None, strict)
+    from dataclasses import replace
+
+    from design.present import store, synthesis
+    from problems import gains as question
+
+    if maximise is not None:
+        problem = replace(problem, maximise=maximise.value)
+    with _progress() as say:
+        answer = question.solve(problem, starts=starts, seconds=time_limit, say=say)
+    stored = store.dumps(synthesis.document(source, problem, answer))
+    printed = stored if format is Format.json else synthesis.text(source, problem, answer, text_paint())
+    if output:
+        store.write(output, stored)
+    _deliver(printed, None)
+    word = answer.outcome.status.word
+    raise typer.Exit({"solved": MET, "infeasible": VIOLATED}.get(word, UNDECIDED))
+
+
+@app.command()
+def report(
+    spec: Annotated[str, typer.Argument(metavar="SPEC|DESIGN", help="Spec, or a design.json of `synthesize`.")],
+    law: LawOption = None,
+    gains: GainsOption = None,
+    format: Annotated[Format, typer.Option("--format", help="Form of the output.")] = Format.text,
+    output: Output = None,
+    strict: Strict = False,
+) -> None:
+    """Say of every requirement whether it is kept, by how much, and where it is worst."""
+    source, problem = _read(spec, law, gains, strict)
+    from design.analysis.verdict import judge
+    from design.present import store, text
+
+    its = problem.given_gains()
+    verdict = judge(problem, its)
+    if format is Format.json:
+        rows = [store.row_json(row) for row in verdict.rows]
+        parts = {"status": "solved", "law": problem.law, "gains": store.gains_json(its), "verdict": verdict.overall}
+        result = store.dumps(store.document("report", source, **parts, rows=rows))
+    else:
+        paint = text_paint(to_file=output is not None)
+        words = {"met": ("KEPT", "good"), "violated": ("BROKEN", "bad"), "undecided": ("UNDECIDED", "doubt")}
+        lines = [f"{source.spec.name}, law {problem.law}, {text.gains_line(its, problem.law)}", ""]
+        lines += [*text.report_table(verdict.rows, paint), "", f"specification: {paint(*words[verdict.overall])}"]
+        result = "\n".join(lines) + "\n"
+    _deliver(result, output)
+    raise typer.Exit({"met": MET, "violated": VIOLATED, "undecided": UNDECIDED}[verdict.overall])
+
+
+def _read(reference: str, law: LawName | None, gains: str | None, strict: bool) -> tuple[Source, Setting]:
+    """The spec or design at ``reference`` in SI units, under the law and gains of the command line."""
+    from design.errors import BadInput
+    from design.present.store import read_design
+    from design.spec.load import load, parse, read_text
+    from design.spec.setting import setting
+
+    own: Gains | None = None
+    kind: str | None = None
+    if reference.endswith(".json"):
+        text, own, kind = read_design(read_text(reference), reference)
+        source = parse(text, origin=reference)
+    else:
+        source = load(reference)
+    for remark in source.remarks:
+        if strict:
+            raise BadInput(f"{remark} (--strict)", file=source.origin)
+        note(f"warning: {source.origin}: {remark}")
+    chosen = law.value if law else kind if kind in ("pd", "force", "cop") else None
+    return source, setting(source.spec).with_law(chosen, _gains(gains) or own)  # type: ignore[arg-type]
+
+
+def _gains(text: str | None) -> Gains | None:
+    if text is None:
+        return None
+    from design.errors import BadInput
+    from design.model.laws import Gains
+
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 2:
+        numbers.append(0.0)
+    if len(numbers) != 3 or not all(0 <= number <= 1e9 for number in numbers):
+        message = f"is {text!r}; needs three numbers from 0 to 1e9, as in --gains 3500,1200,1"
+        raise BadInput(message, key="--gains")
+    return Gains(*numbers)
+
+
+def out(text: str) -> None:
+    """A line of the result."""
+    sys.stdout.write(text + "\n")
+
+
+def note(text: str) -> None:
+    """A line beside the result."""
+    sys.stderr.write(text + "\n")
+
+
+def text_paint(to_file: bool = False) -> Callable[[str, str], str]:
+    """Colours where standard output is a terminal and NO_COLOR is not set."""
+    from design.present.text import painter
+
+    return painter(sys.stdout.isatty() and not to_file and not os.environ.get("NO_COLOR"))
+
+
+class _progress:
+    """One line on standard error that is written over, where that is a terminal."""
+
+    def __enter__(self) -> Callable[[str], None]:
+        self._live = sys.stderr.isatty()
+
+        def say(text: str) -> None:
+            if self._live:
+                sys.stderr.write(f"\r\033[K{text}")
+                sys.stderr.flush()
+
+        return say
+
+    def __exit__(self, *_: object) -> None:
+        if self._live:
+            sys.stderr.write("\r\033[K")
+
+
+def _deliver(result: str, output: str | None) -> None:
+    from design.present.store import write
+
+    if output:
+        write(output, result)
+    else:
+        sys.stdout.write(result)
+
+
+def _shadow() -> str | None:
+    """The file that another program's ``design`` or ``problems`` would be loaded from, if it comes before ours."""
+    from importlib.util import find_spec
+
+    here = Path(__file__).resolve().parent
+    for name in ("design", "problems"):
+        found = find_spec(name)
+        place = Path(found.origin).resolve() if found and found.origin else None
+        if place is None or place.parent.parent != here:
+            return str(place or name)
+    return None
+
+
+def main() -> None:
+    """Run ``poise``; every way to end is one of the exit codes."""
+    debug = "--debug" in sys.argv
+    if debug:
+        sys.argv.remove("--debug")
+    shadow = _shadow()
+    if shadow:
+        note(f"poise: {shadow} is imported in place of Poise's own module of that name; move it, or unset PYTHONPATH")
+        sys.exit(BAD)
+    from design.errors import PoiseError
+
+    try:
+        app()
+    except PoiseError as error:
+        if debug:
+            raise
+        note(f"poise: {error}")
+        sys.exit(BAD)
+    except KeyboardInterrupt:
+        note("poise: interrupted")
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(MET)
+    except Exception as error:
+        if debug:
+            raise
+        note(f"poise: internal error: {type(error).__name__}: {' '.join(str(error).split())[:200]}; rerun with --debug")
+        sys.exit(BAD)
+
+
+if __name__ == "__main__":
+    main()

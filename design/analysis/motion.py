@@ -9,7 +9,6 @@ exact first and second derivatives; this is several times faster than differenti
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from itertools import combinations_with_replacement
 
 import casadi as ca
@@ -18,6 +17,9 @@ import numpy as np
 from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario, Steps
 
+BLOCKS = 16
+"""A trajectory is marched in multiples of a sixteenth of its length, only as far as it is looked at."""
+
 _PAIRS = list(combinations_with_replacement(range(3), 2))
 _CLOSED = {"never_inline": True, "enable_forward": False, "enable_reverse": False}
 
@@ -25,19 +27,20 @@ _CLOSED = {"never_inline": True, "enable_forward": False, "enable_reverse": Fals
 class Motion:
     """One scenario's trajectory on one time grid, as a function of K = (K_p, K_d, K_f)."""
 
-    def __init__(self, loop: ClosedLoop, scenario: Scenario, step: float) -> None:
-        self.steps: Steps = scenario.steps(step)
+    def __init__(self, loop: ClosedLoop, scenario: Scenario, steps: Steps) -> None:
+        self.steps = steps
         self._count = len(self.steps.h)
         self._inputs = ca.DM(np.vstack([self.steps.h, self.steps.start, self.steps.middle, self.steps.end]))
-        self._z0 = ca.DM([scenario.theta0, scenario.omega0, 0.0])
-        self._loop = loop
+        self._z0 = (scenario.theta0, scenario.omega0, 0.0)
+        self._steps = sensitivity_steps(loop.step)
+        self._built: dict[tuple[int, int], ca.Function] = {}
 
     def states(self, instants: Sequence[int]) -> ca.Function:
         """K (3) -> states (3, n) at the samples numbered ``instants`` (n), with exact derivatives to second order."""
         columns = [int(k) for k in instants]
         n = len(columns)
         K, Z, J = ca.MX.sym("K", 3), ca.MX.sym("Z", 3, n), ca.MX.sym("J", 3 * n, 3)
-        plain, first, second = (self._marched(which, K)[:, columns] for which in self._marches)
+        plain, first, second = (self._marched(order, K, max(columns))[:, columns] for order in range(3))
         jacobian = ca.horzcat(*[ca.vec(first[3 + 3 * j : 6 + 3 * j, :]) for j in range(3)])
         hessian = ca.horzcat(
             *[
@@ -56,15 +59,18 @@ class Motion:
 
     def all_states(self, K: ca.MX) -> ca.MX:
         """States (3, N+1) at every sample, without the fast derivatives."""
-        return self._marched(self._marches[0], K)
+        return self._marched(0, K, self._count)
 
-    def _marched(self, march: ca.Function, K: ca.MX) -> ca.MX:
-        start = ca.vertcat(self._z0, ca.DM.zeros(march.size1_in(0) - 3))
-        return ca.horzcat(start, march(start, self._inputs, ca.repmat(K, 1, self._count)))
-
-    @cached_property
-    def _marches(self) -> list[ca.Function]:
-        return [step.mapaccum("march", self._count) for step in sensitivity_steps(self._loop.step)]
+    def _marched(self, order: int, K: ca.MX, last: int) -> ca.MX:
+        """States and sensitivities up to ``order`` from the first sample to the one numbered ``last``."""
+        blocks = max(1, -(-last * BLOCKS // self._count))
+        if (order, blocks) not in self._built:
+            step = self._steps[order]
+            count = min(self._count, -(-self._count * blocks // BLOCKS))
+            gains, start = ca.MX.sym("K", 3), ca.DM([*self._z0, *[0.0] * (step.size1_in(0) - 3)])
+            march = step.mapaccum("march", count)(start, self._inputs[:, :count], ca.repmat(gains, 1, count))
+            self._built[order, blocks] = ca.Function("marched", [gains], [ca.horzcat(start, march)])
+        return self._built[order, blocks](K)
 
 
 def _rows(i: int, j: int) -> slice:

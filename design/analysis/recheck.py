@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,20 +33,28 @@ class SecondOpinion:
     finished: bool
 
 
+def load_integrator() -> Any:
+    """SciPy's ``solve_ivp``; its import takes long enough to be worth beginning early."""
+    from scipy.integrate import solve_ivp
+
+    return solve_ivp
+
+
 def second_opinion(
     biped: Biped, kind: LawKind, theta_d: float, gains: Gains, scenario: Scenario, step: float
 ) -> SecondOpinion:
     """Run the loop again, to a relative tolerance of 1e-10, and read it at the samples of ``step`` [s]."""
-    from scipy.integrate import solve_ivp
-
+    solve_ivp = load_integrator()
     samples = scenario.steps(step)
     z = np.full((3, len(samples.t)), np.nan)
     state = np.array([scenario.theta0, scenario.omega0, 0.0])
     finished = True
     for start, end in scenario.pieces():
+        ends = scenario.signal_on((start, end), np.array([start, end]))
+        first, growth = ends[:, :1], (ends[:, 1:] - ends[:, :1]) / (end - start)
 
-        def slope_of(t: float, z: Array, piece: tuple[float, float] = (start, end)) -> list[float]:
-            F_x, F_y = scenario.force_on(piece, np.array([t]))[:, 0]
+        def slope_of(t: float, z: Array, start: float = start, first: Array = first, growth: Array = growth) -> list[float]:
+            F_x, F_y = scenario.to_force(first + (t - start) * growth)[:, 0]
             return _rate(biped, kind, theta_d, gains, z, float(F_x), float(F_y))
 
         inside = (samples.t >= start) & (samples.t <= end)

@@ -6,6 +6,7 @@ is a fall, at which the trajectory ends.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -17,6 +18,7 @@ from design.analysis.estimate import static_estimate
 from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario, Steps
 from design.model.laws import Gains
+from design.model.limits import Limit
 
 Array = NDArray[np.float64]
 
@@ -110,7 +112,22 @@ def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float) ->
     )
 
 
-def components(quantity: ca.Function, trajectory: Trajectory) -> Array:
-    """A limit's ``quantity`` along a trajectory, (c, n)."""
+def components(limits: Sequence[Limit], trajectory: Trajectory) -> list[Array]:
+    """Each limit's quantity along a trajectory, (c, n)."""
     x = np.vstack([trajectory.theta, trajectory.omega])
-    return np.asarray(quantity.map(x.shape[1])(x, trajectory.tau[None, :], trajectory.F).full())
+    stacked = _stacked(tuple(limit.quantity for limit in limits), x.shape[1])
+    found = stacked(x, trajectory.tau[None, :], trajectory.F).full()
+    ends = np.cumsum([limit.quantity.size1_out(0) for limit in limits])
+    return np.vsplit(found, ends[:-1])
+
+
+@lru_cache(maxsize=64)
+def _stacked(quantities: tuple[ca.Function, ...], count: int) -> ca.Function:
+    return all_quantities(quantities).map(count)
+
+
+def all_quantities(quantities: Sequence[ca.Function]) -> ca.Function:
+    """(x, tau, F) -> the components of all ``quantities``, one below the other."""
+    x, tau, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("F", 2)
+    stacked = ca.vertcat(*[quantity(x, tau, F) for quantity in quantities])
+    return ca.Function("quantities", [x, tau, F], [stacked], {"cse": True})

@@ -1,6 +1,6 @@
 """A quick look over the whole box of gains: where is it feasible, and where is the objective good?
 
-Quasi-random points (Sobol), half of them spread linearly and half logarithmically, each judged on a coarse time grid.
+Quasi-random points (an additive recurrence by the generalised golden ratio, Roberts 2018), half of them spread linearly and half logarithmically, each judged on a coarse time grid.
 From the best of them that lie apart an optimiser starts; nothing else is concluded from a survey.
 """
 
@@ -17,18 +17,16 @@ DECADES = 4.0
 """How far below the upper bound the logarithmic half reaches."""
 
 
-def candidates(lower: Array, upper: Array, count: int, seed: int = 0) -> Array:
+def candidates(lower: Array, upper: Array, count: int) -> Array:
     """``count`` points (count, n) in the box ``lower``, ``upper`` (n,), the same ones at every call."""
-    from scipy.stats import qmc
-
     free = upper > lower
-    cube = qmc.Sobol(d=lower.size, scramble=True, rng=seed).random_base2(int(np.ceil(np.log2(max(count, 2)))))
+    golden = float(np.roots([1.0, *[0.0] * (lower.size - 1), -1.0, -1.0]).real.max())  # x^(n+1) = x + 1
+    cube = np.mod(0.5 + np.outer(np.arange(1, count + 1), golden ** -np.arange(1.0, lower.size + 1)), 1.0)
     linear = lower + cube * (upper - lower)
     floor = np.maximum(lower, upper * 10.0**-DECADES)
     with np.errstate(all="ignore"):
         spread = np.where(free, floor * (upper / np.where(floor > 0, floor, 1.0)) ** cube, lower)
-    half = len(cube) // 2
-    return np.asarray(np.vstack([linear[:half], spread[half:]]))
+    return np.asarray(np.where(np.arange(count)[:, None] % 2 == 0, linear, spread))
 
 
 def best_apart(points: Array, merit: Array, count: int, lower: Array, upper: Array, distance: float = 0.15) -> Array:

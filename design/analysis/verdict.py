@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.analysis.simulate import Trajectory, components, simulate
 from design.model.closed_loop import ClosedLoop, closed_loop
@@ -26,6 +27,7 @@ from design.model.stability import (
 )
 from design.spec.setting import Setting
 
+Array = NDArray[np.float64]
 RowStatus = Literal["met", "violated", "undecided"]
 Basis = Literal["exact", "sampled", "proved"]
 
@@ -86,7 +88,8 @@ def judge(setting: Setting, gains: Gains) -> Verdict:
         trajectory = simulate(loop, scenario, gains, setting.step)
         trajectories.append(trajectory)
         distrust = coarse_step(loop, scenario, gains, setting.step)
-        rows += [limit_row(limit, trajectory, distrust) for limit in bounds]
+        found = components(bounds, trajectory)
+        rows += [limit_row(limit, quantity, trajectory, distrust) for limit, quantity in zip(bounds, found, strict=True)]
     return Verdict(rows=tuple(rows), trajectories=tuple(trajectories))
 
 
@@ -99,9 +102,10 @@ def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[R
     worst: dict[str, tuple[float, float]] = {}
     for A, load in environments:
         for row, pairs in routh_hurwitz(biped, kind, gains, A, load).items():
-            for pair in pairs:
-                if row not in worst or pair[0] - pair[1] < worst[row][0] - worst[row][1]:
-                    worst[row] = pair
+            pair = min(pairs, key=lambda pair: pair[0] - pair[1]) if row == "damping" else pairs[0]
+            pair = next((other for other in pairs if other[0] <= other[1]), pair)
+            if row not in worst or pair[0] - pair[1] < worst[row][0] - worst[row][1]:
+                worst[row] = pair
     rows = [
         Row(
             id=row, equation=equations[row], scenario=scenario.name, unit=units[row], value=float(left),
@@ -140,9 +144,9 @@ def coarse_step(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float)
     )
 
 
-def limit_row(limit: Limit, trajectory: Trajectory, distrust: str = "") -> Row:
-    """The row of ``limit`` along ``trajectory``: its worst sample, and whether that meets the level."""
-    values = limit.value(components(limit.quantity, trajectory))
+def limit_row(limit: Limit, quantity: Array, trajectory: Trajectory, distrust: str = "") -> Row:
+    """The row of ``limit``, its ``quantity`` (c, n) along ``trajectory``: the worst sample, and whether it is met."""
+    values = limit.value(quantity)
     required = limit.required
     level = required.level if required else 0.0
     facts: dict[str, Any] = {

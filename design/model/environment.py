@@ -83,12 +83,11 @@ class Scenario:
 
     def steps(self, h: float) -> Steps:
         """Steps of length ``h`` [s], shortened where a breakpoint or the end comes first."""
-        uniform = h * np.arange(int(np.floor(self.duration / h * (1 + 1e-12))) + 1)
-        marks = np.array([*self.breakpoints, self.duration])
-        nearest = np.clip(np.rint(marks / h).astype(int), 0, len(uniform) - 1)
-        close = np.abs(uniform[nearest] - marks) <= 1e-9 * h + 1e-12 * marks
-        uniform[nearest[close]] = marks[close]
-        t = np.unique(np.concatenate([uniform, marks]))
+        return self.steps_at(self._uniform(h))
+
+    def steps_at(self, times: Array) -> Steps:
+        """Steps between ``times`` (any order) [s], the breakpoints, and the end."""
+        t = np.unique(np.concatenate([[0.0], times, self.breakpoints, [self.duration]]))
         t = t[t <= self.duration]
         lengths = np.diff(t)
         middle_times = t[:-1] + 0.5 * lengths
@@ -108,6 +107,15 @@ class Scenario:
             force=self.to_force(samples),
             signal=samples,
         )
+
+    def _uniform(self, h: float) -> Array:
+        """Multiples of ``h`` within the duration; one that a breakpoint all but meets is moved onto it."""
+        uniform = h * np.arange(int(np.floor(self.duration / h * (1 + 1e-12))) + 1)
+        marks = np.array([*self.breakpoints, self.duration])
+        nearest = np.clip(np.rint(marks / h).astype(int), 0, len(uniform) - 1)
+        close = np.abs(uniform[nearest] - marks) <= 1e-9 * h + 1e-12 * marks
+        uniform[nearest[close]] = marks[close]
+        return np.asarray(uniform)
 
     def operating_points(self, biped: Biped, per_piece: int = 9) -> tuple[Array, Array]:
         """The environments that the scenario passes through, as far as they matter for linear stability.

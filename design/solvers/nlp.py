@@ -1,7 +1,9 @@
 """Nonlinear programs: a posed record, and IPOPT.
 
 minimise f(x) over x, subject to lower <= g(x) <= upper and x_lower <= x <= x_upper. Derivatives are CasADi's, exact to
-second order. IPOPT's "acceptable" level is switched off, its bounds are not relaxed, and what it returns is measured
+second order. IPOPT's "acceptable" level is switched off, its bounds are not relaxed, where a tolerance of
+1e-9 or less is asked for, constraints are held far tighter still (one more Newton step; the roots of a polynomial feel
+its coefficients' last digits), and what it returns is measured
 again here: the largest violation, and the stationarity of the Lagrangian with its multipliers.
 """
 
@@ -78,6 +80,7 @@ class Ipopt:
             "ipopt.print_level": 0,
             "ipopt.sb": "yes",
             "ipopt.tol": tolerance,
+            "ipopt.constr_viol_tol": 1e-4 * tolerance if tolerance <= 1e-9 else tolerance,
             "ipopt.acceptable_iter": 0,
             "ipopt.bound_relax_factor": 0.0,
             "ipopt.max_iter": iterations,
@@ -96,7 +99,9 @@ class Ipopt:
 
     @cached_property
     def _warm(self) -> Any:
-        return self._built(mu_init=1e-5, bound_push=1e-6, bound_frac=1e-6)
+        return self._built(
+            mu_init=1e-7, bound_push=1e-8, bound_frac=1e-8, slack_bound_push=1e-8, slack_bound_frac=1e-8
+        )
 
     def solve(self, start: Array, *, near: bool = False) -> NlpAnswer:
         """Run from ``start`` (n); ``near`` says that it is close to an optimum."""

@@ -1,0 +1,1 @@
+"""Words and pictures, made from records only: nothing here computes or decides."""

@@ -1,0 +1,136 @@
+"""Pictures of a run, as Figs. 3 and 4 of the paper show it. The only importer of matplotlib.
+
+Lines differ in style and in lightness, so that they can be told apart in grey; limits are drawn, and what breaks one is
+shaded. Files of the same records are the same to the byte.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.analysis.simulate import Trajectory
+from design.errors import BadInput
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+BLUE, ORANGE, GREY, RED = "#0b4f8a", "#d9822b", "#8a8a8a", "#b00020"
+FORMATS = ("png", "svg", "pdf")
+
+
+def figure_bytes(figure: Figure, kind: str) -> bytes:
+    """The picture as ``png``, ``svg`` or ``pdf``."""
+    import matplotlib as mpl
+
+    stamp = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[kind]
+    out = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "poise"}):
+        figure.savefig(out, format=kind, metadata=stamp, dpi=130)
+    return out.getvalue()
+
+
+def format_of(path: str) -> str:
+    """The format that a file's ending asks for; raises ``BadInput`` with those there are."""
+    kind = Path(path).suffix.lstrip(".").lower()
+    if kind not in FORMATS:
+        message = f"ends in {Path(path).suffix or 'nothing'}; a picture is written as {', '.join('.' + f for f in FORMATS)}"
+        raise BadInput(message, file=path)
+    return kind
+
+
+def run_figure(runs: Sequence[Trajectory], ell: float, title: str) -> Figure:
+    """One column a scenario: angle, contact forces, estimated force, torque, CoP within the foot (``ell`` [m])."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(max(6.4, 4.6 * len(runs)), 11.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid: Any = figure.subplots(5, len(runs), sharex="col", squeeze=False)
+    figure.suptitle(title, fontsize=11)
+    for column, run in enumerate(runs):
+        axes = grid[:, column]
+        _angle(axes[0], run)
+        _contact(axes[1], run)
+        _estimate(axes[2], run)
+        _torque(axes[3], run)
+        _cop(axes[4], run, ell)
+        axes[0].set_title(run.scenario, fontsize=10)
+        axes[-1].set_xlabel("time [s]")
+        for ax in axes:
+            ax.margins(x=0)
+            ax.grid(visible=True, color="#e4e4e4", linewidth=0.6)
+            for side in ("top", "right"):
+                ax.spines[side].set_visible(False)
+    figure.align_ylabels()
+    return figure
+
+
+def _angle(ax: Axes, run: Trajectory) -> None:
+    ax.plot(run.t, np.degrees(run.theta), color=BLUE, label="ankle angle θ")
+    if run.alpha is not None:
+        ax.plot(run.t, np.degrees(run.alpha), color=ORANGE, linestyle="--", label="slope α")
+    ax.set_ylabel("angle [deg]")
+    _legend(ax)
+
+
+def _contact(ax: Axes, run: Trajectory) -> None:
+    ax.plot(run.t, run.F_T, color=BLUE, label="toe $F_T$")
+    ax.plot(run.t, run.F_H, color=ORANGE, linestyle="--", label="heel $F_H$")
+    ax.axhline(0.0, color="black", linewidth=1.0)
+    low, high = ax.get_ylim()
+    ax.set_ylim(min(low, -0.04 * (high - low)), high)
+    worst = np.minimum(run.F_T, run.F_H)
+    if (worst < 0).any():
+        ax.fill_between(run.t, np.minimum(worst, 0.0), 0.0, color=RED, alpha=0.25, hatch="//", linewidth=0)
+    lost = run.lost_contact
+    if lost is not None:
+        ax.axvline(lost[0], color=RED, linewidth=1.0, linestyle=":")
+        ax.annotate(
+            f"contact lost, {lost[1]}, {lost[0]:.3f} s", (lost[0], 0.0), xytext=(5, 6), textcoords="offset points",
+            color=RED, fontsize=8,
+        )  # fmt: skip
+    ax.set_ylabel("contact force [N]")
+    _legend(ax)
+
+
+def _estimate(ax: Axes, run: Trajectory) -> None:
+    for k, (name, colour) in enumerate((("x", BLUE), ("y", ORANGE))):
+        ax.plot(run.t, run.F[k], color=colour, linewidth=2.6, alpha=0.35, label=f"true $F_{name}$")
+        ax.plot(run.t, run.F_estimate[k], color=colour, linestyle="--", linewidth=1.2, label=f"estimate $\\hat F_{name}$")
+    ax.set_ylabel("external force [N]")
+    _legend(ax)
+
+
+def _torque(ax: Axes, run: Trajectory) -> None:
+    ax.plot(run.t, run.tau, color=BLUE)
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    ax.set_ylabel("ankle torque [N m]")
+
+
+def _cop(ax: Axes, run: Trajectory, ell: float) -> None:
+    reach = 1.5 * ell
+    P = np.clip(run.P, -reach, reach)
+    ax.axhspan(-1e3 * ell, 1e3 * ell, color="#eef3ee")
+    for end, name in ((1e3 * ell, "toe"), (-1e3 * ell, "heel")):
+        ax.axhline(end, color="black", linewidth=1.0)
+        ax.annotate(name, (run.t[0], end), xytext=(3, 2), textcoords="offset points", fontsize=8)
+    ax.plot(run.t, 1e3 * P, color=BLUE)
+    outside = np.abs(P) > ell
+    if outside.any():
+        edge = np.sign(P) * ell
+        ax.fill_between(run.t, 1e3 * edge, 1e3 * P, where=outside, color=RED, alpha=0.25, hatch="//", linewidth=0)
+    ax.set_ylim(-1e3 * 1.3 * ell if not outside.any() else -1e3 * reach, 1e3 * (1.3 * ell if not outside.any() else reach))
+    ax.set_ylabel("CoP [mm]")
+
+
+def _legend(ax: Axes) -> None:
+    ax.legend(fontsize=8, frameon=False, loc="best", ncols=2)

@@ -1,0 +1,159 @@
+"""What is stored: JSON documents with their spec and provenance, written whole or not at all.
+
+Hashes are over inputs only. JSON never holds NaN or infinity: what is not finite is null.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from design import __version__
+from design.analysis.simulate import Trajectory
+from design.analysis.verdict import Row
+from design.errors import BadInput
+from design.model.laws import Gains
+from design.present.text import columns
+from design.spec.load import Source
+
+FORMAT = 1
+"""The version of Poise's JSON."""
+
+
+def document(command: str, source: Source, **parts: Any) -> dict[str, Any]:
+    """The common JSON of every command, with ``parts`` in the middle and the provenance at the end."""
+    return {
+        "schema_version": FORMAT,
+        "command": command,
+        "spec": {"name": source.spec.name, "sha256": source.sha256},
+        **parts,
+        "provenance": provenance(),
+    }
+
+
+def provenance() -> dict[str, str]:
+    """Versions of what computed a result."""
+    return {
+        "poise": __version__,
+        **{name: version(name) for name in ("casadi", "numpy", "scipy", "clarabel")},
+        "python": platform.python_version(),
+    }
+
+
+def gains_json(gains: Gains) -> dict[str, float]:
+    """Gains by the keys of the spec file."""
+    return {"kp": gains.K_p, "kd": gains.K_d, "kf": gains.K_f}
+
+
+def row_json(row: Row) -> dict[str, Any]:
+    """A row as stored."""
+    return asdict(row)
+
+
+def runs_json(law: str, gains: Gains, runs: Sequence[Trajectory]) -> dict[str, Any]:
+    """The runs of ``simulate``: what each comes to, and its samples by column."""
+    found = []
+    for run in runs:
+        lost = run.lost_contact
+        found.append(
+            {
+                "name": run.scenario,
+                "toe_force_n": _least(run.t, run.F_T),
+                "heel_force_n": _least(run.t, run.F_H),
+                "lost_contact": None if lost is None else {"time_s": lost[0], "at": lost[1]},
+                "fallen_s": run.fallen,
+                "samples": columns(run),
+            }
+        )
+    return {"status": "simulated", "law": law, "gains": gains_json(gains), "scenarios": found}
+
+
+def _least(t: np.ndarray, force: np.ndarray) -> dict[str, float]:
+    at = int(np.argmin(force))
+    return {"min": float(force[at]), "time_s": float(t[at])}
+
+
+def dumps(document: Mapping[str, Any]) -> str:
+    """JSON text of ``document``; numpy arrays become lists, and what is not finite becomes null."""
+    return json.dumps(_plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(part) for key, part in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def write(path: str | Path, content: str | bytes) -> None:
+    """Write ``content`` to ``path`` whole or not at all; raises ``BadInput`` if it cannot be written."""
+    target = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    except OSError as error:
+        message = f"cannot be written: {error.strerror}; choose another place with -o"
+        raise BadInput(message, file=str(path)) from None
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(name).chmod(0o666 & ~_umask())
+        Path(name).replace(target)
+    except BaseException as error:
+        Path(name).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            message = f"cannot be written: {error.strerror}; choose another place with -o"
+            raise BadInput(message, file=str(path)) from None
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def read_design(text: str, origin: str) -> tuple[str, Gains, str | None]:
+    """Spec text, gains and law of a design file written by ``synthesize``; raises ``BadInput``."""
+    try:
+        data = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        message = f"is not valid JSON: {error}"
+        raise BadInput(message, file=origin) from None
+    if not isinstance(data, dict) or "gains" not in data or "spec" not in data:
+        message = "is not a design file; write one with `poise synthesize SPEC -o design.json`"
+        raise BadInput(message, file=origin)
+    if isinstance(found := data.get("schema_version"), int) and found > FORMAT:
+        message = f"is {found}; this Poise reads {FORMAT}; upgrade with `pip install -U poise`"
+        raise BadInput(message, file=origin, key="schema_version")
+    gains, spec = data["gains"], data["spec"]
+    if gains is None:
+        message = f"has no gains: its status is {data.get('status')!r}; synthesize again"
+        raise BadInput(message, file=origin, key="gains")
+    try:
+        numbers = [float(gains[key]) for key in ("kp", "kd", "kf")]
+        spec_text = spec["text"]
+        if not isinstance(spec_text, str) or not all(math.isfinite(n) and n >= 0 for n in numbers):
+            raise ValueError
+    except (KeyError, TypeError, ValueError):
+        message = "needs gains.kp, gains.kd, gains.kf (finite, >= 0) and spec.text; synthesize again"
+        raise BadInput(message, file=origin) from None
+    return spec_text, Gains(*numbers), data.get("law")

@@ -1,0 +1,146 @@
+"""Tables and sentences for a terminal, at most 80 columns wide."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from design.analysis.simulate import Trajectory
+from design.analysis.verdict import Row
+from design.model.laws import Gains
+
+Paint = Callable[[str, str], str]
+"""(text, style) -> text; a style is ``good``, ``bad``, ``doubt`` or ``strong``."""
+
+_CODES = {"good": "32", "bad": "1;31", "doubt": "33", "strong": "1"}
+
+
+def painter(colour: bool) -> Paint:
+    """A painter with terminal colours, or one that leaves text as it is."""
+
+    def paint(text: str, style: str) -> str:
+        return f"\033[{_CODES[style]}m{text}\033[0m" if colour else text
+
+    return paint
+
+
+def number(value: float | None, digits: int = 6) -> str:
+    """A number for people; a dash where there is none."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    return f"{value:.{digits}g}"
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
+    """Lines of a table with aligned columns; those numbered ``right`` are aligned to the right."""
+    cells = [list(header), *(list(row) for row in rows)]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
+    lines = []
+    for row in cells:
+        parts = [cell.rjust(w) if k in right else cell.ljust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))]
+        lines.append("  ".join(parts).rstrip())
+    return lines
+
+
+def gains_line(gains: Gains, law: str) -> str:
+    """The gains with enough digits to copy, and their units."""
+    text = f"kp = {gains.K_p:.10g} N m/rad, kd = {gains.K_d:.10g} N m s/rad"
+    return text if law == "pd" else f"{text}, kf = {gains.K_f:.10g} m/s"
+
+
+def word(row: Row) -> tuple[str, str]:
+    """KEPT, BROKEN, UNDECIDED or (where nothing is required) INFO, and its style."""
+    if row.required is None:
+        return "INFO", "strong"
+    if row.status == "met":
+        return "KEPT", "good"
+    if row.status == "undecided":
+        return "UNDECIDED", "doubt"
+    return ("BROKEN", "bad") if not row.soft else ("broken*", "doubt")
+
+
+def report_table(rows: Sequence[Row], paint: Paint) -> list[str]:
+    """All rows, worst first, with notes below."""
+    order = {"BROKEN": 0, "UNDECIDED": 1, "broken*": 2, "KEPT": 3, "INFO": 4}
+
+    def rank(row: Row) -> tuple[int, float]:
+        size = max(abs(row.required or 0.0), abs(row.value or 0.0), 1e-12)
+        return order[word(row)[0]], (row.margin / size if row.margin is not None else 0.0)
+
+    ranked = sorted(rows, key=rank)
+    body = [
+        [
+            word(row)[0], row.id, row.scenario or "", number(row.value), number(row.required), number(row.margin, 4),
+            row.unit, number(row.time_s, 5),
+        ]
+        for row in ranked
+    ]  # fmt: skip
+    header = ["", "row", "scenario", "value", "needs", "margin", "unit", "at s"]
+    lines = table(header, body, right=(3, 4, 5, 7))
+    width = max(len(line[0]) for line in [header, *body])
+    painted = [lines[0]]
+    for line, row in zip(lines[1:], ranked, strict=True):
+        painted.append(paint(line[:width], word(row)[1]) + line[width:])
+    notes = [f"  {row.id}, {row.scenario}: {row.note}" for row in ranked if row.note]
+    if any(row.soft and row.status == "violated" for row in rows):
+        notes.append("  * a soft requirement: shown, fails nothing")
+    return painted + notes
+
+
+def trajectory_lines(run: Trajectory) -> list[str]:
+    """What a run comes to, in words."""
+    low_t, low_h = int(np.argmin(run.F_T)), int(np.argmin(run.F_H))
+    lost = run.lost_contact
+    lines = [
+        f"scenario {run.scenario}: {len(run.t):,} samples, {run.t[0]:g} to {run.t[-1]:g} s",
+        f"  toe force    least {run.F_T[low_t]:10.4f} N   at {run.t[low_t]:.3f} s",
+        f"  heel force   least {run.F_H[low_h]:10.4f} N   at {run.t[low_h]:.3f} s",
+    ]
+    if lost:
+        lines.append(f"  CONTACT LOST at the {lost[1]} at {lost[0]:.3f} s (a real foot would turn from here on)")
+    else:
+        lines.append(f"  CoP          within {1000 * np.abs(run.P).max():.2f} mm of the ankle")
+    if run.fallen is not None:
+        lines.append(f"  FALLS: 90 degrees passed at {run.fallen:.3f} s; nothing is computed after it")
+    F, E = run.F[:, -1], run.F_estimate[:, -1]
+    lines += [
+        f"  torque       largest {np.abs(run.tau).max():8.3f} N m",
+        f"  at the end   angle {math.degrees(run.theta[-1]):.4f} deg, torque {run.tau[-1]:.4f} N m",
+        f"  force        true ({F[0]:.3f}, {F[1]:.3f}) N, read off (16)-(17) ({E[0]:.3f}, {E[1]:.3f}) N",
+    ]
+    return lines
+
+
+COLUMNS = (
+    "time_s", "theta_rad", "rate_rad_per_s", "torque_nm", "toe_force_n", "heel_force_n", "cop_m", "fx_n", "fy_n",
+    "fx_estimate_n", "fy_estimate_n", "slope_rad",
+)  # fmt: skip
+
+
+def columns(run: Trajectory) -> dict[str, np.ndarray | None]:
+    """The samples of a run by column name; ``slope_rad`` is None where the scenario is no slope."""
+    arrays = (
+        run.t, run.theta, run.omega, run.tau, run.F_T, run.F_H, run.P, run.F[0], run.F[1], run.F_estimate[0],
+        run.F_estimate[1], run.alpha,
+    )  # fmt: skip
+    return dict(zip(COLUMNS, arrays, strict=True))
+
+
+def csv_text(runs: Sequence[Trajectory]) -> str:
+    """Samples as CSV; with more than one run a first column names the scenario."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    several = len(runs) > 1
+    writer.writerow([*(["scenario"] if several else []), *COLUMNS])
+    for run in runs:
+        parts = [
+            [""] * len(run.t) if array is None else [repr(x) if math.isfinite(x) else "" for x in array.tolist()]
+            for array in columns(run).values()
+        ]
+        head = [[run.scenario] * len(run.t)] if several else []
+        writer.writerows(zip(*head, *parts, strict=True))
+    return out.getvalue()

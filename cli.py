@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,7 +37,7 @@ app = typer.Typer(
 MET, VIOLATED, BAD, UNDECIDED, INTERRUPTED = 0, 1, 2, 3, 130
 
 
-class LawName(str, Enum):
+class LawName(StrEnum):
     """The control laws."""
 
     pd = "pd"
@@ -45,7 +45,7 @@ class LawName(str, Enum):
     cop = "cop"
 
 
-class ObjectiveName(str, Enum):
+class ObjectiveName(StrEnum):
     """What synthesis maximises."""
 
     decay = "decay-rate"
@@ -54,7 +54,7 @@ class ObjectiveName(str, Enum):
     routh = "routh-margin"
 
 
-class RunFormat(str, Enum):
+class RunFormat(StrEnum):
     """How a run is printed."""
 
     text = "text"
@@ -62,7 +62,7 @@ class RunFormat(str, Enum):
     json = "json"
 
 
-class Format(str, Enum):
+class Format(StrEnum):
     """How a result is printed."""
 
     text = "text"
@@ -79,7 +79,7 @@ Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", he
 @app.command()
 def specs() -> None:
     """List the built-in specs."""
-    from design.spec.load import builtin_names, parse, builtin_text
+    from design.spec.load import builtin_names, builtin_text, parse
 
     for name in builtin_names():
         spec = parse(builtin_text(name), origin=name).spec
@@ -218,7 +218,8 @@ def _read(reference: str, law: LawName | None, gains: str | None, strict: bool) 
         source = load(reference)
     for remark in source.remarks:
         if strict:
-            raise BadInput(f"{remark} (--strict)", file=source.origin)
+            message = f"{remark} (--strict)"
+            raise BadInput(message, file=source.origin)
         note(f"warning: {source.origin}: {remark}")
     chosen = law.value if law else kind if kind in ("pd", "force", "cop") else None
     return source, setting(source.spec).with_law(chosen, _gains(gains) or own)  # type: ignore[arg-type]

@@ -8,11 +8,11 @@
                 F_T(t), F_H(t) >= required                 at every sample of every scenario
                 the spec's other hard requirements         likewise
 
-``decay-rate``: v = sigma. ``contact-force``: v <= F_T(t), F_H(t). ``cop-margin``: v <= ell - |P(t)|. ``routh-margin``: v
-<= each normalised slack of (27)-(29), see ``design.model.stability.normalised_slacks``.
+``decay-rate``: v = sigma. ``contact-force``: v <= F_T(t), F_H(t). ``cop-margin``: v <= ell - |P(t)|.
+``routh-margin``: v <= each normalised slack of (27)-(29), see ``design.model.stability.normalised_slacks``.
 
-*The poles.* The tests q_2 >= 0, q_0 >= 0, q_2 q_1 >= q_0 on the polynomial shifted by sigma are not enough when they are
-closed, as an optimiser's constraints are: q_2 = q_0 = 0 with q_1 < 0 passes them with a pole in the right half-plane,
+*The poles.* The tests q_2 >= 0, q_0 >= 0, q_2 q_1 >= q_0 on the polynomial shifted by sigma are not enough when they
+are closed, as constraints of a program are: q_2 = q_0 = 0 with q_1 < 0 passes them, with a pole on the right,
 and an optimiser finds that corner. Nor is there a constraint qualification at a triple pole, where the best decay rate
 often lies. Therefore the polynomial is factored: (mu + a)(mu² + b mu + c) with a, b, c >= 0 as variables of the program
 is every cubic without roots in the open right half-plane, and nothing else. The coefficients are affine in A, so that
@@ -56,7 +56,7 @@ from design.model.closed_loop import ClosedLoop, closed_loop
 from design.model.environment import Steps
 from design.model.laws import Gains
 from design.model.limits import Limit, Required, limits
-from design.model.stability import characteristic, deciding_points, decay_rate, normalised_slacks, shifted
+from design.model.stability import characteristic, deciding_points, normalised_slacks, shifted
 from design.solvers.nlp import Ipopt, Nlp
 from design.solvers.outcome import Outcome, Status
 from design.spec.setting import Setting
@@ -88,7 +88,9 @@ class Question:
 
     def __init__(self, setting: Setting) -> None:
         if setting.bounds is None:
-            message = "is missing; give [synthesis.bounds] with kp, kd and kf as [lower, upper]: without bounds nothing limits the gains"
+            message = (
+                "is missing; give [synthesis.bounds] with kp, kd, kf as [lower, upper]: nothing else limits the gains"
+            )
             raise BadInput(message, key="synthesis.bounds")
         self.setting = setting
         self.loop: ClosedLoop = closed_loop(setting.biped, setting.law, setting.theta_d)
@@ -119,7 +121,7 @@ class Question:
         """A longer integration step that the fastest loop within the bounds allows [s]."""
         biped = self.setting.biped
         fastest = max(self.upper[1] / biped.I, self.pace, self.upper[2] / biped.ell)
-        return max(self.setting.step, min(COARSEST, 2.0 / fastest))
+        return float(max(self.setting.step, min(COARSEST, 2.0 / fastest)))
 
     def grid(self, step: float) -> Grid:
         """The scenarios on time grids of ``step`` [s]."""
@@ -185,9 +187,7 @@ class Grid:
 
     def thinned(self, count: int = 12) -> Instants:
         """``count`` samples of each scenario, evenly spread."""
-        return tuple(
-            tuple(sorted({int(k) for k in np.linspace(0, len(steps.t) - 1, count)})) for steps in self.samples
-        )
+        return tuple(tuple(sorted({int(k) for k in np.linspace(0, len(steps.t) - 1, count)})) for steps in self.samples)
 
     @cached_property
     def quantities(self) -> list[ca.Function]:
@@ -367,13 +367,11 @@ class Local:
     said: str
 
 
-def exchange(
-    grid: Grid, goal: Goal, start: Point, instants: Instants, deadline: float, *, near: bool = False
-) -> Local:
+def exchange(grid: Grid, goal: Goal, start: Point, instants: Instants, deadline: float, *, near: bool = False) -> Local:
     """Solve on ``instants``, add what the answer violates, and repeat until nothing on ``grid`` is violated."""
     said = "round limit"
     tolerance, iterations = (COARSE_TOLERANCE, 120) if grid.exact else (1e-9, 300)
-    shift: Array | None = None
+    shift = None if grid.exact else _first_shift(grid, goal, start, instants)
     for round_ in range(ROUNDS):
         program, read = pose(grid, goal, instants, shift)
         seconds = max(deadline - time.monotonic(), 0.01)
@@ -397,6 +395,16 @@ def exchange(
         near = min(float(rows.min()) for rows in margins) > -NEAR
         instants, start = following, point
     return Local(point=start, instants=instants, converged=False, said=said)
+
+
+def _first_shift(grid: Grid, goal: Goal, start: Point, instants: Instants) -> Array | None:
+    """What to add to the rows of the first program, measured at the start."""
+    margins = grid.margins(start.gains, goal, start.v)
+    if margins is None:
+        return None
+    program, read = pose(grid, goal, instants)
+    rows = ca.Function("rows", [program.x], [program.g])(read.start(start)).full().ravel()
+    return _shift(margins, instants, instants, rows, None)
 
 
 def _seen(margins: list[Array], instants: Instants) -> Array:
@@ -431,9 +439,7 @@ def _pruned(margins: list[Array], instants: Instants, far: float = FAR) -> Insta
     )
 
 
-def _lowest_below(
-    level: float, margins: list[Array], instants: Instants, *, most: int = 8, reach: int = 5
-) -> Instants:
+def _lowest_below(level: float, margins: list[Array], instants: Instants, *, most: int = 8, reach: int = 5) -> Instants:
     """``instants``, and the local minima below ``level`` of each row with some of their neighbours.
 
     The lowest sample moves as the gains do: neighbours at distances of 1, 2, 4 ... save rounds.
@@ -513,9 +519,7 @@ def question_decay(question: Question, K: Array) -> float:
     return min(rates)
 
 
-def solve(
-    setting: Setting, *, starts: int | None = None, seconds: float = 600.0, say: Say = lambda _: None
-) -> Answer:
+def solve(setting: Setting, *, starts: int | None = None, seconds: float = 600.0, say: Say = lambda _: None) -> Answer:
     """Synthesize gains for ``setting``; ``say`` is told of the progress. Raises ``BadInput`` if there are no bounds."""
     question = Question(setting)
     stand_in = obstacles(setting)
@@ -562,7 +566,9 @@ def _in_unit(question: Question, goal: Goal, v: float) -> float:
     return v * scale.get(goal, 1.0)
 
 
-def _from_start(grid: Grid, goal: Goal, K: Array, merit: float, instants: Instants, deadline: float) -> tuple[Local, bool]:
+def _from_start(
+    grid: Grid, goal: Goal, K: Array, merit: float, instants: Instants, deadline: float
+) -> tuple[Local, bool]:
     """What is reached from ``K``, and whether that is an optimum of ``goal``: else it is the nearest miss, or nothing.
 
     A start that is not feasible goes through feasibility first.
@@ -587,11 +593,8 @@ def _union(one: Instants, other: Instants) -> Instants:
     return tuple(tuple(sorted({*a, *b})) for a, b in zip(one, other, strict=True))
 
 
-def _finish(
-    question: Question, goal: Goal, optima: list[Local], tried: int, deadline: float, say: Say
-) -> Answer:
+def _finish(question: Question, goal: Goal, optima: list[Local], tried: int, deadline: float, say: Say) -> Answer:
     """Carry the best optima to full resolution, and check the winner by other means."""
-    coarse = question.grid(question.coarse_step)
     optima = sorted(optima, key=lambda found: -found.point.v)
     best = optima[0].point
     same = 1e-4 * (abs(best.v) + 1e-3)
@@ -632,7 +635,10 @@ def _checked(question: Question, goal: Goal, winner: Local, tried: int, reached:
     doubt = _doubt(question, goal, gains, verdict)
     slack = 1e-3 if goal == "decay-rate" else 1e-5  # at a triple pole the gains' last digits cost that much
     if value < claim - slack * (abs(claim) + 1e-3 * _in_unit(question, goal, 1.0)):
-        doubt = doubt or f"{goal}: the program claims {claim:.8g}, the trajectory gives {value:.8g} {OBJECTIVE_UNITS[goal]}."
+        doubt = (
+            doubt
+            or f"{goal}: the program claims {claim:.8g}, the trajectory gives {value:.8g} {OBJECTIVE_UNITS[goal]}."
+        )
     if verdict.overall != "met":
         row = next(row for row in verdict.rows if row.counts and row.status == verdict.overall)
         doubt = doubt or f"{row.id} in scenario {row.scenario!r} is {row.status}. {row.note}".strip()
@@ -698,7 +704,9 @@ def _active(question: Question, goal: Goal, gains: Gains, verdict: Verdict, valu
             found.append(Active(id=row.id, scenario=row.scenario, time_s=row.time_s, value=row.value, required=value))
         elif row.counts and row.id != goal and row.margin is not None and row.margin <= 1e-6 * scales[row.id]:
             found.append(
-                Active(id=row.id, scenario=row.scenario, time_s=row.time_s, value=row.value, required=row.required or 0.0)
+                Active(
+                    id=row.id, scenario=row.scenario, time_s=row.time_s, value=row.value, required=row.required or 0.0
+                )
             )
     return tuple(found)
 
@@ -719,7 +727,9 @@ def _nothing(
     verdict = judge(question.setting, best.point.gains)
     missed = tuple(row for row in verdict.rows if row.counts and row.status != "met")
     if not missed:
-        return Answer(outcome=Outcome(status=Status.STALLED, detail="The optimiser did not converge."), starts=len(starts))
+        return Answer(
+            outcome=Outcome(status=Status.STALLED, detail="The optimiser did not converge."), starts=len(starts)
+        )
     return Answer(outcome=Outcome(status=Status.NOT_FOUND, detail=_miss(missed)), missed=missed, starts=len(starts))
 
 

@@ -9,6 +9,7 @@ exact first and second derivatives; this is several times faster than differenti
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import combinations_with_replacement
 
 import casadi as ca
@@ -32,7 +33,7 @@ class Motion:
         self._count = len(self.steps.h)
         self._inputs = ca.DM(np.vstack([self.steps.h, self.steps.start, self.steps.middle, self.steps.end]))
         self._z0 = (scenario.theta0, scenario.omega0, 0.0)
-        self._steps = sensitivity_steps(loop.step)
+        self._steps = sensitivity_steps(loop)
         self._built: dict[tuple[int, int], ca.Function] = {}
 
     def states(self, instants: Sequence[int]) -> ca.Function:
@@ -42,12 +43,7 @@ class Motion:
         K, Z, J = ca.MX.sym("K", 3), ca.MX.sym("Z", 3, n), ca.MX.sym("J", 3 * n, 3)
         plain, first, second = (self._marched(order, K, max(columns))[:, columns] for order in range(3))
         jacobian = ca.horzcat(*[ca.vec(first[3 + 3 * j : 6 + 3 * j, :]) for j in range(3)])
-        hessian = ca.horzcat(
-            *[
-                ca.vertcat(*[ca.vec(second[_rows(i, j), :]) for j in range(3)])
-                for i in range(3)
-            ]
-        )
+        hessian = ca.horzcat(*[ca.vertcat(*[ca.vec(second[_rows(i, j), :]) for j in range(3)]) for i in range(3)])
         curvature = ca.Function(
             "jac_jac_states", [K, Z, J], [hessian, ca.MX(9 * n, 3 * n)], ["K", "out_Z", "out_jac_Z_K"],
             ["jac_jac_Z_K_K", "jac_jac_Z_K_out_Z"],
@@ -78,13 +74,15 @@ def _rows(i: int, j: int) -> slice:
     return slice(at, at + 3)
 
 
-def sensitivity_steps(step: ca.Function) -> list[ca.Function]:
+@lru_cache(maxsize=16)
+def sensitivity_steps(loop: ClosedLoop) -> list[ca.Function]:
     """The step of z (3), of (z, dz/dK) (12), and of (z, dz/dK, d²z/dK²) (30), each a function of (state, u, K).
 
     With z⁺ = phi(z, K): S⁺ = phi_z S + phi_K, and its derivative along each pair of gains.
     """
     z, u, K = ca.SX.sym("z", 3), ca.SX.sym("u", 7), ca.SX.sym("K", 3)
     S, T = ca.SX.sym("S", 3, 3), ca.SX.sym("T", 3, len(_PAIRS))
+    step = loop.step
     following = step.call([z, u, K], True, False)[0]
     zK = ca.vertcat(z, K)
     along = [ca.vertcat(S[:, i], ca.densify(ca.DM.eye(3)[:, i])) for i in range(3)]

@@ -21,7 +21,7 @@ from design.spec.setting import Setting
 
 @dataclass(frozen=True, kw_only=True)
 class Obstacle:
-    """A requirement that stands in the way: ``value`` is the best that can be, ``required`` what is asked, in ``unit``."""
+    """A requirement that stands in the way: ``value`` is the best that can be, ``required`` the demand, in ``unit``."""
 
     id: str
     scenario: str | None
@@ -63,7 +63,6 @@ def _foot(setting: Setting) -> Iterator[Obstacle]:
 def _load(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
     """F_T + F_H is the load; at theta = 0 and omega = 0, and in the final stationary posture, no gain changes it."""
     level = _level(setting, "contact-force")
-    A, load = scenario.operating_points(setting.biped)
     ends = {"at the end": float(setting.biped.weight - scenario.steps(scenario.duration).force[1, -1])}
     if scenario.theta0 == 0.0 and scenario.omega0 == 0.0:
         first = scenario.force_on(scenario.pieces()[0], np.array([0.0]))
@@ -104,7 +103,7 @@ def _capture(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
         yield Obstacle(
             id="step-slope", scenario=scenario.name, value=reach, required=float(np.degrees(abs(lean))), unit="deg",
             why=(
-                f"the line of the resultant force passes {biped.L * np.sin(abs(lean)):.4g} m from the ankle and the foot"
+                f"the resultant force passes {biped.L * np.sin(abs(lean)):.4g} m from the ankle and the foot"
                 f" holds {available / A:.4g} m (capturability: no ankle controller can keep contact)"
             ),
         )  # fmt: skip

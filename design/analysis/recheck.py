@@ -53,7 +53,9 @@ def second_opinion(
         ends = scenario.signal_on((start, end), np.array([start, end]))
         first, growth = ends[:, :1], (ends[:, 1:] - ends[:, :1]) / (end - start)
 
-        def slope_of(t: float, z: Array, start: float = start, first: Array = first, growth: Array = growth) -> list[float]:
+        def slope_of(
+            t: float, z: Array, start: float = start, first: Array = first, growth: Array = growth
+        ) -> list[float]:
             F_x, F_y = scenario.to_force(first + (t - start) * growth)[:, 0]
             return _rate(biped, kind, theta_d, gains, z, float(F_x), float(F_y))
 
@@ -104,9 +106,7 @@ def _turning(biped: Biped, sine: Array, cosine: Array, tau: Array, F_x: Array, F
     return np.asarray(((biped.M * biped.g - F_y) * lever_x + F_x * lever_y + tau) / biped.I)
 
 
-def _rate(
-    biped: Biped, kind: LawKind, theta_d: float, gains: Gains, z: Array, F_x: float, F_y: float
-) -> list[float]:
+def _rate(biped: Biped, kind: LawKind, theta_d: float, gains: Gains, z: Array, F_x: float, F_y: float) -> list[float]:
     theta, omega, s = float(z[0]), float(z[1]), float(z[2])
     ell, L = biped.ell, biped.L
     factor = {"pd": 0.0, "force": gains.K_f, "cop": gains.K_f * (biped.M + biped.m) * biped.g / ell}[kind]

@@ -58,55 +58,49 @@ class Trajectory:
         return float(self.t[first]), "toe" if self.F_T[first] < 0 else "heel"
 
 
-def integrate(loop: ClosedLoop, scenario: Scenario, gains: Gains, steps: Steps) -> Array:
-    """States z = (theta, omega, s) at the samples, (3, N+1); non-finite after a blow-up."""
+@lru_cache(maxsize=64)
+def _runner(loop: ClosedLoop, scenario: Scenario, step: float) -> tuple[Steps, ca.Function]:
+    """The samples, and a function K -> theta, omega, s, tau, F_T, F_H at all of them (6, N+1).
+
+    Built once with the scenario inside: CasADi does not give back what it builds, and handing it large arrays at every
+    call takes longer than the run.
+    """
+    steps = scenario.steps(step)
     count = len(steps.h)
-    inputs = np.vstack([steps.h, steps.start, steps.middle, steps.end])
-    z0 = np.array([scenario.theta0, scenario.omega0, 0.0])
-    states = _march(loop, count)(z0, inputs, np.tile(np.array(gains)[:, None], count))
-    return np.column_stack([z0, states.full()])
-
-
-@lru_cache(maxsize=64)
-def _march(loop: ClosedLoop, count: int) -> ca.Function:
-    """``count`` steps of ``loop``, built once: CasADi does not give back what it builds."""
-    return loop.step.mapaccum("march", count)
-
-
-@lru_cache(maxsize=64)
-def _readout(loop: ClosedLoop, count: int) -> ca.Function:
-    return loop.readout.map(count)
+    K = ca.MX.sym("K", 3)
+    z0 = ca.DM([scenario.theta0, scenario.omega0, 0.0])
+    inputs = ca.DM(np.vstack([steps.h, steps.start, steps.middle, steps.end]))
+    z = ca.horzcat(z0, loop.step.mapaccum("march", count)(z0, inputs, ca.repmat(K, 1, count)))
+    y = loop.readout.map(count + 1)(z, ca.DM(steps.force), ca.repmat(K, 1, count + 1))
+    return steps, ca.Function("run", [K], [ca.vertcat(z, y)])
 
 
 def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float) -> Trajectory:
     """Run ``loop`` with ``gains`` through ``scenario``, with Runge-Kutta steps of ``step`` [s]."""
-    steps = scenario.steps(step)
-    z = integrate(loop, scenario, gains, steps)
-    upright = np.all(np.isfinite(z), axis=0) & (np.abs(z[0]) < FALLEN)
+    steps, run = _runner(loop, scenario, step)
+    found = run(ca.DM(gains)).full()
+    upright = np.all(np.isfinite(found), axis=0) & (np.abs(found[0]) < FALLEN)
     fallen = None
     if not upright.all():
         end = max(int(np.argmin(upright)), 1)
-        fallen = float(steps.t[end]) if end < len(steps.t) else float(steps.t[-1])
-        z = z[:, :end]
-    n = z.shape[1]
-    force = steps.force[:, :n]
-    gains_row = np.tile(np.array(gains)[:, None], n)
-    tau, F_T, F_H = _readout(loop, n)(z, force, gains_row).full()
-    tau, F_T, F_H = (np.atleast_1d(part) for part in (tau, F_T, F_H))
+        fallen = float(steps.t[min(end, len(steps.t) - 1)])
+        found = found[:, :end]
+    theta, omega, s, tau, F_T, F_H = found
+    n = len(theta)
     with np.errstate(all="ignore"):
         P = (F_T - F_H) * loop.biped.ell / (F_T + F_H)  # (18)
     return Trajectory(
         scenario=scenario.name,
         t=steps.t[:n],
-        theta=z[0],
-        omega=z[1],
-        s=z[2],
+        theta=theta,
+        omega=omega,
+        s=s,
         tau=tau,
         F_T=F_T,
         F_H=F_H,
         P=P,
-        F=force,
-        F_estimate=np.vstack(static_estimate(loop.biped, z[0], F_T, F_H)),
+        F=steps.force[:, :n],
+        F_estimate=np.vstack(static_estimate(loop.biped, theta, F_T, F_H)),
         alpha=steps.signal[0, :n] if scenario.kind == "slope" else None,
         fallen=fallen,
     )

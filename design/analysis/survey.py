@@ -1,7 +1,8 @@
-"""A quick look over the whole box of gains: where is it feasible, and where is the objective good?
+"""A quick look over the whole box of gains: where it is feasible, and where the objective is good.
 
-Quasi-random points (an additive recurrence by the generalised golden ratio, Roberts 2018), half of them spread linearly and half logarithmically, each judged on a coarse time grid.
-From the best of them that lie apart an optimiser starts; nothing else is concluded from a survey.
+Quasi-random points (an additive recurrence by the generalised golden ratio, Roberts 2018), half of them spread linearly
+and half logarithmically, each judged on a coarse time grid. From the best of them that lie apart an optimiser starts;
+nothing else is concluded from a survey.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def candidates(lower: Array, upper: Array, count: int) -> Array:
 
 
 def best_apart(points: Array, merit: Array, count: int, lower: Array, upper: Array, distance: float = 0.15) -> Array:
-    """The ``count`` points of highest ``merit`` that lie ``distance`` apart in the unit box (fewer if there are not)."""
+    """The ``count`` points of highest ``merit`` that lie ``distance`` apart in the unit box; fewer if need be."""
     span = np.where(upper > lower, upper - lower, 1.0)
     unit = (points - lower) / span
     chosen: list[int] = []

@@ -21,8 +21,8 @@ from design.model.limits import Limit, Required, limits
 from design.model.stability import (
     characteristic,
     closed_loop_matrix,
-    deciding_points,
     decay_rate,
+    deciding_points,
     routh_hurwitz,
 )
 from design.spec.setting import Setting
@@ -89,7 +89,9 @@ def judge(setting: Setting, gains: Gains) -> Verdict:
         trajectories.append(trajectory)
         distrust = coarse_step(loop, scenario, gains, setting.step)
         found = components(bounds, trajectory)
-        rows += [limit_row(limit, quantity, trajectory, distrust) for limit, quantity in zip(bounds, found, strict=True)]
+        rows += [
+            limit_row(limit, quantity, trajectory, distrust) for limit, quantity in zip(bounds, found, strict=True)
+        ]
     return Verdict(rows=tuple(rows), trajectories=tuple(trajectories))
 
 
@@ -156,7 +158,9 @@ def limit_row(limit: Limit, quantity: Array, trajectory: Trajectory, distrust: s
     }  # fmt: skip
     finite = np.isfinite(values)
     if distrust or not finite.any():
-        return Row(**facts, value=None, margin=None, status="undecided", time_s=None, note=distrust or "no finite value")
+        return Row(
+            **facts, value=None, margin=None, status="undecided", time_s=None, note=distrust or "no finite value"
+        )
     margins = np.where(finite, limit.margin(values, level), np.inf)
     at = int(np.argmin(margins))
     value, margin = float(values[at]), float(margins[at])
@@ -176,6 +180,4 @@ def limit_row(limit: Limit, quantity: Array, trajectory: Trajectory, distrust: s
 
 def worst(rows: Sequence[Row], id: str) -> Row:
     """The row of this ``id`` with the smallest margin over the scenarios."""
-    return min(
-        (row for row in rows if row.id == id), key=lambda row: -np.inf if row.margin is None else row.margin
-    )
+    return min((row for row in rows if row.id == id), key=lambda row: -np.inf if row.margin is None else row.margin)

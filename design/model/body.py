@@ -14,7 +14,7 @@ class Biped:
 
     M: float  # mass of the body [kg]
     L: float  # ankle to centre of gravity [m]
-    I: float  # inertia of the body about the ankle [kg m²]  # noqa: E741
+    I: float  # inertia of the body about the ankle [kg m²]
     m: float  # mass of the foot [kg]
     ell: float  # ankle to toe, ankle to heel [m]
     g: float = 9.81  # [m/s²]

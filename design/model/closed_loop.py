@@ -6,6 +6,7 @@ While the foot stands, the law's integral follows from the torque: F_H - F_T = t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 
@@ -36,8 +37,9 @@ class ClosedLoop:
         return self.plant.biped
 
 
+@lru_cache(maxsize=16)
 def closed_loop(biped: Biped, kind: LawKind, theta_d: float = 0.0) -> ClosedLoop:
-    """Close the loop around ``biped`` with the law of this ``kind`` and desired angle ``theta_d`` [rad]."""
+    """Close the loop around ``biped`` with the law of this ``kind`` and desired angle ``theta_d`` [rad]; built once."""
     body, control = plant(biped), law(kind, biped, theta_d)
     z, F, K = ca.SX.sym("z", 3), ca.SX.sym("F", 2), ca.SX.sym("K", 3)
     x, s = z[:2], z[2]

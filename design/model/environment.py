@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -63,7 +64,7 @@ class Scenario:
     def pieces(self) -> list[tuple[float, float]]:
         """Intervals [s] on which the signal is linear; together they are [0, duration]."""
         edges = [0.0, *self.breakpoints, self.duration]
-        return list(zip(edges, edges[1:], strict=False))
+        return list(pairwise(edges))
 
     def force_on(self, piece: tuple[float, float], t: Array) -> Array:
         """Force (2, j) [N] at times ``t`` (j,), as the piece (t0, t1) continues it."""
@@ -92,7 +93,9 @@ class Scenario:
         lengths = np.diff(t)
         middle_times = t[:-1] + 0.5 * lengths
         start, middle, end = (self._signal(middle_times, at) for at in (t[:-1], middle_times, t[1:]))
-        jumps = 1 + np.flatnonzero(np.any(np.abs(end[:, :-1] - start[:, 1:]) > 1e-12 * (1 + np.abs(end[:, :-1])), axis=0))
+        jumps = 1 + np.flatnonzero(
+            np.any(np.abs(end[:, :-1] - start[:, 1:]) > 1e-12 * (1 + np.abs(end[:, :-1])), axis=0)
+        )
         if len(jumps):  # a step of no length lets both sides of a jump be samples
             t, lengths = np.insert(t, jumps, t[jumps]), np.insert(lengths, jumps, 0.0)
             before = end[:, jumps - 1]

@@ -1,7 +1,8 @@
 """The body's dynamics and the ground reactions, (1)-(7) and (18), as CasADi functions of (x, tau, F).
 
 x = (theta, omega), F = (F_x, F_y). The foot does not move as long as F_T, F_H > 0 and the friction is large
-enough. The foot's weight enters (5) and (6) as m g / 2; (18) is read with its bracket, P = (F_T - F_H) ell / (F_T + F_H).
+enough. The foot's weight enters (5) and (6) as m g / 2; (18) is read with its bracket,
+P = (F_T - F_H) ell / (F_T + F_H).
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class Plant:
 
 def plant(biped: Biped) -> Plant:
     """Build the equations of ``biped`` once."""
-    M, L, I, m, ell, g = biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g  # noqa: E741
+    M, L, I, m, ell, g = biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g
     x, tau, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("F", 2)
     theta, omega = ca.vertsplit(x)
     F_x, F_y = ca.vertsplit(F)

@@ -80,7 +80,7 @@ def decay_rate(p: Sequence[float]) -> float:
 
 def closed_loop_matrix(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> Array:
     """(23) for the states (theta, omega, s) about the stationary posture; (2, 2) without s for law pd."""
-    I, ell = biped.I, biped.ell  # noqa: E741
+    I, ell = biped.I, biped.ell
     K_p, K_d, K_f = K
     if kind == "pd":
         return np.array([[0.0, 1.0], [(A * biped.L - K_p) / I, -K_d / I]])
@@ -98,9 +98,10 @@ def deciding_points(kind: LawKind, A: Array, load: Array) -> tuple[Array, Array]
     For law (8) and pd the two ends of the range of A; for law (20) all that differ.
     """
     if kind != "cop":
-        return np.unique([A.min(), A.max()]), np.full(len(np.unique([A.min(), A.max()])), load[0])
-    pairs = np.unique(np.round(np.column_stack([A, load]), 9), axis=0)
-    return pairs[:, 0], pairs[:, 1]
+        ends: Array = np.unique(np.array([A.min(), A.max()], dtype=np.float64))
+        return ends, np.full(len(ends), float(load[0]))
+    pairs = sorted(set(zip(np.round(A, 9).tolist(), np.round(load, 9).tolist(), strict=True)))
+    return np.array([a for a, _ in pairs]), np.array([n for _, n in pairs])
 
 
 def routh_hurwitz(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) -> dict[str, list[tuple[Any, Any]]]:
@@ -110,7 +111,7 @@ def routh_hurwitz(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) -> dic
     K_d > 0 [N m s/rad].
     """
     K_p, K_d, K_f = K[0], K[1], K[2]
-    AL, I, ell = A * biped.L, biped.I, biped.ell  # noqa: E741
+    AL, I, ell = A * biped.L, biped.I, biped.ell
     if kind == "pd":
         return {"stiffness": [(K_p, AL), (AL, 0.0)], "damping": [(K_d, 0.0)]}
     if kind == "cop":

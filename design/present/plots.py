@@ -42,7 +42,9 @@ def format_of(path: str) -> str:
     """The format that a file's ending asks for; raises ``BadInput`` with those there are."""
     kind = Path(path).suffix.lstrip(".").lower()
     if kind not in FORMATS:
-        message = f"ends in {Path(path).suffix or 'nothing'}; a picture is written as {', '.join('.' + f for f in FORMATS)}"
+        message = (
+            f"ends in {Path(path).suffix or 'nothing'}; a picture is written as {', '.join('.' + f for f in FORMATS)}"
+        )
         raise BadInput(message, file=path)
     return kind
 
@@ -105,7 +107,9 @@ def _contact(ax: Axes, run: Trajectory) -> None:
 def _estimate(ax: Axes, run: Trajectory) -> None:
     for k, (name, colour) in enumerate((("x", BLUE), ("y", ORANGE))):
         ax.plot(run.t, run.F[k], color=colour, linewidth=2.6, alpha=0.35, label=f"true $F_{name}$")
-        ax.plot(run.t, run.F_estimate[k], color=colour, linestyle="--", linewidth=1.2, label=f"estimate $\\hat F_{name}$")
+        ax.plot(
+            run.t, run.F_estimate[k], color=colour, linestyle="--", linewidth=1.2, label=f"estimate $\\hat F_{name}$"
+        )
     ax.set_ylabel("external force [N]")
     _legend(ax)
 
@@ -128,7 +132,9 @@ def _cop(ax: Axes, run: Trajectory, ell: float) -> None:
     if outside.any():
         edge = np.sign(P) * ell
         ax.fill_between(run.t, 1e3 * edge, 1e3 * P, where=outside, color=RED, alpha=0.25, hatch="//", linewidth=0)
-    ax.set_ylim(-1e3 * 1.3 * ell if not outside.any() else -1e3 * reach, 1e3 * (1.3 * ell if not outside.any() else reach))
+    ax.set_ylim(
+        -1e3 * 1.3 * ell if not outside.any() else -1e3 * reach, 1e3 * (1.3 * ell if not outside.any() else reach)
+    )
     ax.set_ylabel("CoP [mm]")
 
 

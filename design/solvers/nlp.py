@@ -75,7 +75,7 @@ class Ipopt:
     def __init__(self, program: Nlp, *, tolerance: float = 1e-9, seconds: float = 60.0, iterations: int = 300) -> None:
         self._program = program
         self._tolerance = tolerance
-        self._options = {
+        self._options: dict[str, Any] = {
             "print_time": False,
             "ipopt.print_level": 0,
             "ipopt.sb": "yes",
@@ -95,22 +95,18 @@ class Ipopt:
 
     @cached_property
     def _cold(self) -> Any:
-        return self._built()
+        return self._built(mu_init=1e-3)
 
     @cached_property
     def _warm(self) -> Any:
-        return self._built(
-            mu_init=1e-7, bound_push=1e-8, bound_frac=1e-8, slack_bound_push=1e-8, slack_bound_frac=1e-8
-        )
+        return self._built(mu_init=1e-7, bound_push=1e-8, bound_frac=1e-8, slack_bound_push=1e-8, slack_bound_frac=1e-8)
 
     def solve(self, start: Array, *, near: bool = False) -> NlpAnswer:
         """Run from ``start`` (n); ``near`` says that it is close to an optimum."""
         program = self._program
         solver = self._warm if near else self._cold
         start = np.clip(start, program.x_lower, program.x_upper)
-        raw = solver(
-            x0=start, lbx=program.x_lower, ubx=program.x_upper, lbg=program.lower, ubg=program.upper
-        )
+        raw = solver(x0=start, lbx=program.x_lower, ubx=program.x_upper, lbg=program.lower, ubg=program.upper)
         stats = solver.stats()
         x, g = raw["x"].full().ravel(), raw["g"].full().ravel()
         x_multiplier, multiplier = raw["lam_x"].full().ravel(), raw["lam_g"].full().ravel()

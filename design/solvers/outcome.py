@@ -45,5 +45,5 @@ class Outcome(Generic[V]):
     def value(self) -> V:
         """The answer; raises ``Unsolved`` unless the status is solved."""
         if self.status is not Status.SOLVED or self.found is None:
-            raise Unsolved(f"{self.status.value} {self.detail}".strip())  # noqa: EM102
+            raise Unsolved(f"{self.status.value} {self.detail}".strip())
         return self.found

@@ -46,9 +46,10 @@ def builtin_names() -> list[str]:
 def builtin_text(name: str) -> str:
     """Text of the built-in spec ``name``; raises ``BadInput`` with the names there are."""
     if name not in builtin_names():
-        message = f"no built-in spec of that name{_did_you_mean(name, builtin_names())}; there are: {', '.join(builtin_names())}"
+        known = builtin_names()
+        message = f"no built-in spec of that name{_did_you_mean(name, known)}; there are: {', '.join(known)}"
         raise BadInput(message, key=name)
-    return (_library() / f"{name}.toml").read_text(encoding="utf-8")
+    return str((_library() / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def load(reference: str) -> Source:
@@ -138,7 +139,11 @@ def _explain(error: ValidationError, origin: str) -> BadInput:
         message = f"is missing; needs {_needs(fault['loc'])}"
     elif kind in ("union_tag_not_found", "union_tag_invalid"):
         key = f"{key}.kind"
-        got = "is missing" if kind == "union_tag_not_found" else f"is {context['tag']!r}{_did_you_mean(context['tag'], sorted(_TAGS))}"
+        got = (
+            "is missing"
+            if kind == "union_tag_not_found"
+            else f"is {context['tag']!r}{_did_you_mean(context['tag'], sorted(_TAGS))}"
+        )
         message = f"{got}; allowed: slope, force, platform, profile"
     elif kind == "value_error":
         message = str(context["error"])
@@ -159,7 +164,8 @@ def _allowed(fault: Any) -> str:
         return f"allowed: {context['expected']}".replace("'", '"')
     if kind == "string_pattern_mismatch":
         return "needs 1 to 64 letters, digits, spaces or . _ -, beginning with a letter or digit"
-    return fault["msg"][0].lower() + fault["msg"][1:].replace("Input should", "should")
+    said = str(fault["msg"])
+    return said[0].lower() + said[1:]
 
 
 def _key(location: tuple[int | str, ...]) -> str:

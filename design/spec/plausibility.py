@@ -32,13 +32,13 @@ def remarks(spec: Spec) -> Iterator[str]:
                 yield f"{key}.acceleration_mps2 reaches {worst:g} m/s² ({worst / 9.81:.2g} g): no vehicle starts so"
     if spec.simulation.time_step_s > 0.02:
         step = spec.simulation.time_step_s
-        yield f"simulation.time_step_s = {step:g}: {1e3 * step:g} ms is coarse; if it was meant in ms, write {step / 1e3:g}"
+        yield f"simulation.time_step_s = {step:g}: {1e3 * step:g} ms is coarse; if meant in ms, write {step / 1e3:g}"
     if not 1 <= spec.simulation.gravity_mps2 <= 30:
         yield f"simulation.gravity_mps2 = {spec.simulation.gravity_mps2:g}: 9.81 m/s² on Earth"
 
 
 def _body(spec: Spec) -> Iterator[str]:
-    M, L, I = spec.body.mass_kg, spec.body.com_height_m, spec.body.inertia_kgm2  # noqa: E741
+    M, L, I = spec.body.mass_kg, spec.body.com_height_m, spec.body.inertia_kgm2
     if L > 3:
         yield f"body.com_height_m = {L:g}: {L:g} m is taller than any body; if it was meant in cm, write {L / 100:g}"
     if L < 0.02:
@@ -47,7 +47,7 @@ def _body(spec: Spec) -> Iterator[str]:
         yield f"body.mass_kg = {M:g}: {M:g} kg; if it was meant in g, write {M / 1000:g}; in N, write {M / 9.81:.4g}"
     if spec.foot.half_length_m > 0.5:
         length = spec.foot.half_length_m
-        yield f"foot.half_length_m = {length:g}: {length:g} m is a long foot; if it was meant in cm, write {length / 100:g}"
+        yield f"foot.half_length_m = {length:g}: {length:g} m is a long foot; if meant in cm, write {length / 100:g}"
     if spec.foot.half_length_m > L:
         yield f"foot.half_length_m = {spec.foot.half_length_m:g} m is more than body.com_height_m = {L:g} m"
     if spec.foot.mass_kg > M:

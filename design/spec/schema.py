@@ -7,6 +7,7 @@ checks a spec. Numbers are finite, and neither booleans nor strings; unknown key
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
@@ -83,9 +84,7 @@ class ScenarioTable(Table):
     name: Name = Field(description="name of the scenario, used in results")
     duration_s: Number = Field(gt=0, le=3600, description="how long it is watched [s]")
     initial_angle_deg: Number = Field(default=0.0, ge=-90, le=90, description="ankle angle θ at t = 0 [deg]")
-    initial_rate_deg_per_s: Number = Field(
-        default=0.0, ge=-3600, le=3600, description="its rate at t = 0 [deg/s]"
-    )
+    initial_rate_deg_per_s: Number = Field(default=0.0, ge=-3600, le=3600, description="its rate at t = 0 [deg/s]")
 
 
 class SlopeTable(ScenarioTable):
@@ -108,7 +107,7 @@ class ForceTable(ScenarioTable):
 
 
 def _rising(points: list[list[float]]) -> list[list[float]]:
-    for (before, *_), (after, *_) in zip(points, points[1:], strict=False):
+    for (before, *_), (after, *_) in pairwise(points):
         if after < before:
             message = f"times must not fall: {after} comes after {before}; sort the points by time"
             raise ValueError(message)
@@ -118,19 +117,18 @@ def _rising(points: list[list[float]]) -> list[list[float]]:
     return points
 
 
-def _points(width: int, what: str) -> Any:
-    return Annotated[
-        list[Annotated[list[Number], Field(min_length=width, max_length=width)]],
-        Field(min_length=1, max_length=100_000, description=what),
-    ]
+Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
+Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
 class PlatformTable(ScenarioTable):
     """A vehicle's floor that accelerates: F_x = -M a."""
 
     kind: Literal["platform"]
-    acceleration_mps2: _points(
-        2, "[[t, a], ...]: acceleration of the floor, piecewise linear, held after the last; equal times: a jump"
+    acceleration_mps2: list[Pair] = Field(
+        min_length=1,
+        max_length=100_000,
+        description="[[t, a], ...]: acceleration of the floor, piecewise linear, held at its end; equal times: a jump",
     )
 
     @model_validator(mode="after")
@@ -143,8 +141,10 @@ class ProfileTable(ScenarioTable):
     """Any force over time."""
 
     kind: Literal["profile"]
-    points: _points(
-        3, "[[t, fx, fy], ...]: force on the centre of gravity, piecewise linear, held after the last; equal times: a jump"
+    points: list[Triple] = Field(
+        min_length=1,
+        max_length=100_000,
+        description="[[t, fx, fy], ...]: force on the body, piecewise linear, held at its end; equal times: a jump",
     )
 
     @model_validator(mode="after")

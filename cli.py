@@ -187,7 +187,7 @@ def report(
     from design.present import store, text
 
     its = problem.given_gains()
-    verdict = judge(problem, its)
+    verdict = judge(problem, its, "all")
     if format is Format.json:
         rows = [store.row_json(row) for row in verdict.rows]
         parts = {"status": "solved", "law": problem.law, "gains": store.gains_json(its), "verdict": verdict.overall}

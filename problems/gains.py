@@ -47,10 +47,11 @@ from numpy.typing import NDArray
 from design.analysis.motion import Motion
 from design.analysis.obstacles import obstacles
 from design.analysis.recheck import load_integrator, second_opinion
+from design.analysis.rows import Row, Verdict
 from design.analysis.simulate import FALLEN, all_quantities
 from design.analysis.survey import best_apart, candidates, in_batches
 from design.analysis.synthesis import OBJECTIVE_UNITS, Active, Answer, Synthesis
-from design.analysis.verdict import Row, Verdict, judge, worst
+from design.analysis.verdict import judge, worst
 from design.errors import BadInput
 from design.model.closed_loop import ClosedLoop, closed_loop
 from design.model.environment import Steps

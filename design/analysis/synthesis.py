@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from design.analysis.verdict import Row, Verdict
+from design.analysis.rows import Row, Verdict
 from design.model.laws import Gains
 from design.solvers.outcome import Outcome
 

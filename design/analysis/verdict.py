@@ -7,12 +7,13 @@ requires nothing informs.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from design.analysis.further import LINEAR_IDS, RUN_IDS, STEP_IDS, loop_rows, run_rows, survival_rows
+from design.analysis.rows import Row, Verdict
 from design.analysis.simulate import Trajectory, components, simulate
 from design.model.closed_loop import ClosedLoop, closed_loop
 from design.model.environment import Scenario
@@ -28,57 +29,21 @@ from design.model.stability import (
 from design.spec.setting import Setting
 
 Array = NDArray[np.float64]
-RowStatus = Literal["met", "violated", "undecided"]
-Basis = Literal["exact", "sampled", "proved"]
 
 RUNGE_KUTTA_LIMIT = 2.5
 """|lambda| h beyond which the fourth-order Runge-Kutta method is not trusted; it is unstable from 2.78 on."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """One checked statement; ``margin`` >= 0 (for (27)-(29) and the decay rate > 0) means met.
+def judge(setting: Setting, gains: Gains, extent: Literal["required", "all"] = "required") -> Verdict:
+    """Check ``gains`` against every requirement of ``setting`` in every scenario.
 
-    ``value``, ``required`` and ``margin`` in ``unit``; None where there is none. ``time_s``: where it is worst.
+    ``all`` adds what the spec does not require: transients, loop margins, and the distance from the physical limit.
     """
+    everything = extent == "all"
 
-    id: str
-    equation: str
-    scenario: str | None
-    unit: str
-    value: float | None
-    required: float | None
-    margin: float | None
-    status: RowStatus
-    time_s: float | None
-    basis: Basis
-    soft: bool = False
-    note: str = ""
+    def wanted(ids: Sequence[str]) -> bool:
+        return everything or any(row in setting.required for row in ids)
 
-    @property
-    def counts(self) -> bool:
-        """Whether the verdict depends on this row."""
-        return self.required is not None and not self.soft
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Verdict:
-    """All rows of one design, and the runs that they were read from."""
-
-    rows: tuple[Row, ...]
-    trajectories: tuple[Trajectory, ...]
-
-    @property
-    def overall(self) -> RowStatus:
-        """``violated`` if any row that counts is; else ``undecided`` if any is, or if none counts; else ``met``."""
-        counting = [row.status for row in self.rows if row.counts]
-        if "violated" in counting:
-            return "violated"
-        return "undecided" if "undecided" in counting or not counting else "met"
-
-
-def judge(setting: Setting, gains: Gains) -> Verdict:
-    """Check ``gains`` against every requirement of ``setting`` in every scenario."""
     loop = closed_loop(setting.biped, setting.law, setting.theta_d)
     bounds = limits(loop.plant, setting.required)
     rows: list[Row] = []
@@ -92,6 +57,13 @@ def judge(setting: Setting, gains: Gains) -> Verdict:
         rows += [
             limit_row(limit, quantity, trajectory, distrust) for limit, quantity in zip(bounds, found, strict=True)
         ]
+        if wanted(RUN_IDS):
+            rows += run_rows(setting, loop, scenario, gains, trajectory, distrust)
+    if wanted(LINEAR_IDS):
+        rows += loop_rows(setting, loop, gains)
+    if wanted(STEP_IDS):
+        distrusts = [coarse_step(loop, scenario, gains, setting.step) for scenario in setting.scenarios]
+        rows += survival_rows(setting, loop, gains, next(filter(None, distrusts), ""))
     return Verdict(rows=tuple(rows), trajectories=tuple(trajectories))
 
 

@@ -68,6 +68,7 @@ def limits(plant: Plant, required: Mapping[str, Required]) -> list[Limit]:
     """The limits along a trajectory; ``required`` maps ``contact-force``, ``cop-margin``, ``torque`` to levels."""
     x, tau, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("F", 2)
     reaction = plant.forces(x, tau, F)
+    slip = plant.friction(x, tau, F) / (reaction[0] + reaction[1])
     P, ell = plant.cop(x, tau, F), plant.biped.ell
 
     def function(name: str, *components: ca.SX) -> ca.Function:
@@ -87,4 +88,7 @@ def limits(plant: Plant, required: Mapping[str, Required]) -> list[Limit]:
         Limit(id="torque", equation="(8)", unit="N m", scale=weight * ell, sense="at most",
               quantity=function("torque", tau, -tau), required=required.get("torque"),
               why="the actuator cannot give the torque"),
+        Limit(id="friction", equation="(7)", unit="1", scale=1.0, sense="at most",
+              quantity=function("friction", slip, -slip), required=required.get("friction"),
+              why="the foot slides"),
     ]  # fmt: skip

@@ -19,13 +19,14 @@ class Plant:
     """The biped's equations.
 
     ``dynamics``: (x (2), tau, F (2)) -> x' (2) [rad/s, rad/s²]. ``forces``: (x, tau, F) -> (F_T, F_H) [N].
-    ``cop``: (x, tau, F) -> P [m].
+    ``cop``: (x, tau, F) -> P [m]. ``friction``: (x, tau, F) -> horizontal force of the ground on the foot [N].
     """
 
     biped: Biped
     dynamics: ca.Function
     forces: ca.Function
     cop: ca.Function
+    friction: ca.Function
 
 
 def plant(biped: Biped) -> Plant:
@@ -40,6 +41,7 @@ def plant(biped: Biped) -> Plant:
     F_T = -tau / (2 * ell) + m * g / 2 + f_y / 2  # (5)
     F_H = tau / (2 * ell) + m * g / 2 + f_y / 2  # (6)
     P = (F_T - F_H) * ell / (F_T + F_H)  # (18)
+    f_x = M * L * (acceleration * ca.cos(theta) - omega**2 * ca.sin(theta)) - F_x  # Newton, forward, foot at rest
 
     arguments, names = [x, tau, F], ["x", "tau", "F"]
     return Plant(
@@ -47,4 +49,5 @@ def plant(biped: Biped) -> Plant:
         dynamics=ca.Function("dynamics", arguments, [ca.vertcat(omega, acceleration)], names, ["xdot"]),
         forces=ca.Function("forces", arguments, [ca.vertcat(F_T, F_H)], names, ["F_T_F_H"]),
         cop=ca.Function("cop", arguments, [P], names, ["P"]),
+        friction=ca.Function("friction", arguments, [f_x], names, ["f_x"]),
     )

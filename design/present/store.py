@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from design import __version__
+from design.analysis.rows import Row
 from design.analysis.simulate import Trajectory
-from design.analysis.verdict import Row
 from design.errors import BadInput
 from design.model.laws import Gains
 from design.present.text import columns

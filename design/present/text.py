@@ -5,12 +5,13 @@ from __future__ import annotations
 import csv
 import io
 import math
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from design.analysis.rows import Row
 from design.analysis.simulate import Trajectory
-from design.analysis.verdict import Row
 from design.model.laws import Gains
 
 Paint = Callable[[str, str], str]
@@ -87,7 +88,11 @@ def report_table(rows: Sequence[Row], paint: Paint) -> list[str]:
     painted = [lines[0]]
     for line, row in zip(lines[1:], ranked, strict=True):
         painted.append(paint(line[:width], word(row)[1]) + line[width:])
-    notes = [f"  {row.id}, {row.scenario}: {row.note}" for row in ranked if row.note]
+    notes = []
+    for row in ranked:
+        if row.note:
+            place = f", {row.scenario}" if row.scenario else ""
+            notes += textwrap.wrap(f"{row.id}{place}: {row.note}", 78, initial_indent="  ", subsequent_indent="    ")
     if any(row.soft and row.status == "violated" for row in rows):
         notes.append("  * a soft requirement: shown, fails nothing")
     return painted + notes

@@ -219,6 +219,26 @@ class RequirementsTable(Table):
         default=AtLeast(min=0.0), description="distance of the CoP from the nearer end of the foot at least this [m]"
     )
     torque_nm: AtMost | None = Field(default=None, description="|τ| at most this [N m]")
+    torque_rate_nm_per_s: AtMost | None = Field(default=None, description="|dτ/dt| at most this [N m/s]")
+    friction: AtMost | None = Field(default=None, description="coefficient of friction that there is; |f_x| / load [1]")
+    settling_s: AtMost | None = Field(
+        default=None, description="time from the last corner of the force until θ stays within 2 % of θ_f [s]"
+    )
+    overshoot_deg: AtMost | None = Field(default=None, description="how far θ goes past its final θ_f [deg]")
+    posture_error_deg: AtMost | None = Field(default=None, description="|θ - θ_f| at the end [deg]")
+    gain_margin_up: AtLeast | None = Field(default=None, description="factor by which the loop gain may rise [1]")
+    gain_margin_down: AtMost | None = Field(default=None, description="factor to which the loop gain may fall [1]")
+    phase_margin_deg: AtLeast | None = Field(default=None, description="phase margin at the actuator [deg]")
+    delay_margin_s: AtLeast | None = Field(default=None, description="delay at the actuator [s]")
+    force_delay_margin_s: AtLeast | None = Field(default=None, description="delay of the force measurement alone [s]")
+    angle_delay_margin_s: AtLeast | None = Field(default=None, description="delay of the angle measurement alone [s]")
+    disk_margin: AtLeast | None = Field(default=None, description="disk margin α in the form of S - T [1]")
+    sample_time_s: AtLeast | None = Field(default=None, description="sampling period that the loop bears [s]")
+    step_slope_deg: AtLeast | None = Field(default=None, description="sudden slope survived from rest [deg]")
+    push_ns: AtLeast | None = Field(default=None, description="push at the centre of gravity survived from rest [N s]")
+    slope_rate_deg_per_s: AtLeast | None = Field(
+        default=None, description="slope rate up to which any slope profile keeps the CoP within the foot [deg/s]"
+    )
 
 
 class BoundsTable(Table):

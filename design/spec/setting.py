@@ -106,6 +106,22 @@ def _required(table: RequirementsTable) -> dict[str, Required]:
         "decay_rate_per_s": "decay-rate",
         "cop_margin_m": "cop-margin",
         "torque_nm": "torque",
+        "torque_rate_nm_per_s": "torque-rate",
+        "friction": "friction",
+        "settling_s": "settling",
+        "overshoot_deg": "overshoot",
+        "posture_error_deg": "posture-error",
+        "gain_margin_up": "gain-margin-up",
+        "gain_margin_down": "gain-margin-down",
+        "phase_margin_deg": "phase-margin",
+        "delay_margin_s": "delay-margin",
+        "force_delay_margin_s": "force-delay-margin",
+        "angle_delay_margin_s": "angle-delay-margin",
+        "disk_margin": "disk-margin",
+        "sample_time_s": "sample-time",
+        "step_slope_deg": "step-slope",
+        "push_ns": "push",
+        "slope_rate_deg_per_s": "slope-rate",
     }
     found = {}
     for key, row in ids.items():

@@ -124,6 +124,23 @@ def test_the_reactions_have_no_moment_about_the_centre_of_pressure(body, point):
     assert abs(moment) <= 1e-8 * half * _force_size(body.biped, point) * (1 + abs(P) / half)
 
 
+@cache
+def _friction():
+    """Newton's law for the body, horizontally; the foot rests and hands on to the body what the ground gives it."""
+    horizontal = _at_state(M * CENTRE[0].diff(t, 2) - F_x)
+    return sp.lambdify([M, L, inertia, m, ell, g, theta, omega, tau, F_x, F_y], horizontal, "math")
+
+
+@every_plant
+@given(point=points)
+@settings(max_examples=60, deadline=None)
+def test_friction_is_what_newton_asks_of_the_ground(body, point):
+    biped, (angle, rate, torque, *force) = body.biped, point
+    expected = _friction()(biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g, *point)
+    found = float(body.friction([angle, rate], torque, force))
+    assert close(found, expected, _force_size(biped, point) + abs(force[0]))
+
+
 @every_plant
 @given(point=points)
 @settings(max_examples=60, deadline=None)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from scipy.integrate import simpson
 
-from design.analysis.simulate import integrate
 from design.model.body import Biped
 from design.model.closed_loop import closed_loop
 from design.model.environment import constant_force
@@ -22,12 +21,20 @@ NO_TORQUE = Gains(0.0, 0.0, 0.0)
 PUSHES = [(0.0, 0.0), (120.0, -60.0), (-300.0, 250.0)]
 
 
+def march(loop, scenario, gains, steps):
+    """States (3, N+1) at the samples, one call of ``loop.step`` after the other."""
+    z = [np.array([scenario.theta0, scenario.omega0, 0.0])]
+    for u in np.vstack([steps.h, steps.start, steps.middle, steps.end]).T:
+        z.append(loop.step(z[-1], u, gains).full().ravel())
+    return np.column_stack(z)
+
+
 def _run(biped, gains, push, step, *, theta0, omega0, theta_d=0.0, duration=2.0):
     scenario = constant_force(
         name="push", F_x=push[0], F_y=push[1], ramp=0.0, duration=duration, theta0=theta0, omega0=omega0
     )
     steps = scenario.steps(step)
-    return steps.t, integrate(closed_loop(biped, "pd", theta_d), scenario, gains, steps)
+    return steps.t, march(closed_loop(biped, "pd", theta_d), scenario, gains, steps)
 
 
 def _energy(biped, z, push):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from design.analysis.simulate import integrate
+from design.analysis.simulate import simulate
 from design.model.body import Biped
 from design.model.closed_loop import closed_loop
 from design.model.environment import Steps, profile, slope
@@ -21,6 +21,14 @@ DURATION = 1.5
 STEPS = (0.02, 0.01, 0.005, 0.0025)
 CORNER, TILT = math.pi / 7, 0.2
 JUMP = 0.31371
+
+
+def march(loop, scenario, gains, steps):
+    """States (3, N+1) at the samples, one call of ``loop.step`` after the other."""
+    z = [np.array([scenario.theta0, scenario.omega0, 0.0])]
+    for u in np.vstack([steps.h, steps.start, steps.middle, steps.end]).T:
+        z.append(loop.step(z[-1], u, gains).full().ravel())
+    return np.column_stack(z)
 
 
 def _on_slope(alpha):
@@ -71,13 +79,23 @@ def _steps_that_cross(scenario, h):
     )
 
 
+@pytest.mark.parametrize("case", CASES)
+def test_the_simulation_is_this_march(case):
+    """What holds of ``loop.step`` over ``scenario.steps`` holds of ``simulate``."""
+    scenario, _ = CASES[case]
+    loop = closed_loop(PAPER, "force")
+    run = simulate(loop, scenario, GAINS, STEPS[0])
+    expected = march(loop, scenario, GAINS, scenario.steps(STEPS[0]))
+    assert np.vstack([run.theta, run.omega, run.s]) == pytest.approx(expected, rel=1e-12, abs=1e-14)
+
+
 @pytest.mark.parametrize("kind", ["pd", "force", "cop"])
 @pytest.mark.parametrize("case", CASES)
 def test_halving_the_step_divides_the_error_by_sixteen(case, kind):
     scenario, pieces = CASES[case]
     loop = closed_loop(PAPER, kind)
     exact = _peer(loop, scenario, pieces)
-    errors = [np.abs(integrate(loop, scenario, GAINS, scenario.steps(h))[:, -1] - exact).max() for h in STEPS]
+    errors = [np.abs(march(loop, scenario, GAINS, scenario.steps(h))[:, -1] - exact).max() for h in STEPS]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert np.abs(exact[:2]).max() > 1e-3
     assert orders.min() > 3.6, (errors, orders)
@@ -90,6 +108,6 @@ def test_a_step_across_a_corner_or_a_jump_would_cost_the_order(case):
     loop = closed_loop(PAPER, "force")
     exact = _peer(loop, scenario, pieces)
     h = STEPS[-1]
-    ours = integrate(loop, scenario, GAINS, scenario.steps(h))[:, -1]
-    crossing = integrate(loop, scenario, GAINS, _steps_that_cross(scenario, h))[:, -1]
+    ours = march(loop, scenario, GAINS, scenario.steps(h))[:, -1]
+    crossing = march(loop, scenario, GAINS, _steps_that_cross(scenario, h))[:, -1]
     assert np.abs(crossing - exact).max() > 100 * np.abs(ours - exact).max()

@@ -1,0 +1,178 @@
+"""Rows that go beyond one run's samples: transients, loop margins, every slope, and the physical limit.
+
+The loop margins and the sampling period are those of the frozen linear loop at the environment that is worst for each;
+``scenario`` names where that is met. What cannot be computed is an undecided row that says why.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from design.analysis.rows import Row, RowStatus
+from design.analysis.simulate import Trajectory
+from design.analysis.slope_rate import peak_gain
+from design.analysis.survival import Survival, push, step_slope
+from design.analysis.transient import torque_rate, transient
+from design.model.closed_loop import ClosedLoop
+from design.model.environment import Scenario
+from design.model.laws import Gains
+from design.model.limits import Required
+from design.model.margins import LoopMargins, longest_period, loop_margins
+from design.spec.setting import Setting
+
+MARGINS: tuple[tuple[str, str, str, Callable[[LoopMargins], float]], ...] = (
+    ("gain-margin-up", "at least", "1", lambda m: m.gain_up),
+    ("gain-margin-down", "at most", "1", lambda m: m.gain_down),
+    ("phase-margin", "at least", "deg", lambda m: math.degrees(m.phase)),
+    ("delay-margin", "at least", "s", lambda m: m.delay),
+    ("force-delay-margin", "at least", "s", lambda m: m.force_delay),
+    ("angle-delay-margin", "at least", "s", lambda m: m.angle_delay),
+    ("disk-margin", "at least", "1", lambda m: m.disk),
+)
+"""Id, sense, unit, and how to read it."""
+
+STEP_IDS = ("step-slope", "push")
+LINEAR_IDS = (*(row for row, *_ in MARGINS), "sample-time", "slope-rate")
+RUN_IDS = ("torque-rate", "settling", "overshoot", "posture-error")
+
+
+def run_rows(
+    setting: Setting, loop: ClosedLoop, scenario: Scenario, gains: Gains, run: Trajectory, distrust: str
+) -> list[Row]:
+    """``torque-rate``, ``settling``, ``overshoot`` and ``posture-error`` of one run."""
+    common: dict[str, Any] = {"scenario": scenario.name, "basis": "sampled", "sense": "at most"}
+    if distrust:
+        units = dict(zip(RUN_IDS, ("N m/s", "s", "deg", "deg"), strict=True))
+        return [
+            _row(setting, id=row, equation="", unit=units[row], value=None, note=distrust, **common) for row in RUN_IDS
+        ]
+    rates = np.abs(torque_rate(loop, gains, run))
+    fastest = int(np.argmax(rates))
+    end = transient(loop, scenario, run)
+    fell = f"falls at {run.fallen:.3f} s" if run.fallen is not None else ""
+    late = "" if math.isfinite(end.settling) else fell or "does not settle within the scenario's duration"
+    return [
+        _row(setting, id="torque-rate", equation="(10)", unit="N m/s", value=float(rates[fastest]),
+             time_s=float(run.t[fastest]), note=fell, fails=bool(fell), **common),
+        _row(setting, id="settling", equation="(14)", unit="s", value=end.settling, time_s=end.settled_at, note=late,
+             **common),
+        _row(setting, id="overshoot", equation="(14)", unit="deg", value=math.degrees(end.overshoot),
+             time_s=end.overshoot_at, note=fell, fails=bool(fell), **common),
+        _row(setting, id="posture-error", equation="(14)", unit="deg", value=math.degrees(end.error),
+             time_s=float(run.t[-1]), note=fell, fails=bool(fell), **common),
+    ]  # fmt: skip
+
+
+def loop_rows(setting: Setting, loop: ClosedLoop, gains: Gains) -> list[Row]:
+    """Loop margins, the sampling period, and the slope rate, of the linear loop."""
+    biped, kind = setting.biped, setting.law
+    places: dict[tuple[float, float], str] = {}
+    for scenario in setting.scenarios:
+        A, load = scenario.operating_points(biped)
+        for pair in zip(np.round(A, 9).tolist(), np.round(load, 9).tolist(), strict=True):
+            places.setdefault(pair if kind == "cop" else (pair[0], biped.weight), scenario.name)
+    environments = _spread(sorted(places))
+    rows = []
+    try:
+        found = [(loop_margins(biped, kind, gains, A, load), places[A, load]) for A, load in environments]
+        periods = [(longest_period(biped, kind, gains, A, load), places[A, load]) for A, load in environments]
+    except (ValueError, np.linalg.LinAlgError) as error:
+        undecided: list[tuple[str, str, str]] = [(row, sense, unit) for row, sense, unit, _ in MARGINS]
+        rows += [
+            _row(setting, id=row, equation="(24)", scenario=None, unit=unit, value=None, basis="exact", sense=sense,
+                 note=str(error))
+            for row, sense, unit in [*undecided, ("sample-time", "at least", "s")]
+        ]  # fmt: skip
+    else:
+        for row, sense, unit, read in MARGINS:
+            pick = min if sense == "at least" else max
+            value, where = pick(((read(m), name) for m, name in found), key=lambda pair: pair[0])
+            rows.append(
+                _row(setting, id=row, equation="(24)", scenario=where, unit=unit, value=value, basis="exact",
+                     sense=sense, note="" if math.isfinite(value) else "without limit")
+            )  # fmt: skip
+        period, where = min(periods)
+        rows.append(
+            _row(setting, id="sample-time", equation="(23)", scenario=where, unit="s", value=period, basis="exact",
+                 sense="at least")
+        )  # fmt: skip
+    return [*rows, _slope_rate(setting, gains)]
+
+
+def _spread(places: list[tuple[float, float]], most: int = 9) -> list[tuple[float, float]]:
+    """At most ``most`` environments, evenly through the sorted ones, with both ends."""
+    chosen = sorted({int(k) for k in np.linspace(0, len(places) - 1, most)})
+    return [places[k] for k in chosen]
+
+
+def _slope_rate(setting: Setting, gains: Gains) -> Row:
+    facts: dict[str, Any] = {
+        "id": "slope-rate", "equation": "(18)", "scenario": None, "unit": "deg/s", "basis": "exact",
+        "sense": "at least",
+    }  # fmt: skip
+    try:
+        peak = peak_gain(setting.biped, setting.law, gains)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        return _row(setting, **facts, value=0.0 if setting.law == "pd" else None, note=str(error))
+    gain = peak.gain + peak.error
+    ell = setting.biped.ell
+    note = (
+        f"for any slope profile up to r deg/s the linear loop's CoP stays within {1e3 * gain * math.pi / 180:.4g} r mm;"
+        f" the end of the foot is {1e3 * ell:.4g} mm away"
+    )
+    return _row(setting, **facts, value=math.degrees(ell / gain), note=note)
+
+
+def survival_rows(setting: Setting, loop: ClosedLoop, gains: Gains, distrust: str) -> list[Row]:
+    """``step-slope`` and ``push``, each with its share of what any ankle controller can survive."""
+    if distrust:
+        units = {"step-slope": "deg", "push": "N s"}
+        return [
+            _row(setting, id=row, equation="(6)", scenario=None, unit=unit, value=None, basis="sampled",
+                 sense="at least", note=distrust)
+            for row, unit in units.items()
+        ]  # fmt: skip
+    slope, impulse = step_slope(loop, gains, setting.step), push(loop, gains, setting.step)
+    biped = setting.biped
+    light = math.atan(biped.ell / biped.L)
+    return [
+        _row(setting, id="step-slope", equation="(6)", scenario=None, unit="deg", value=math.degrees(slope.survived),
+             basis="sampled", sense="at least",
+             note=f"{100 * slope.share:.1f} % of the {math.degrees(slope.limit):.2f} deg that any ankle controller can"
+                  f" survive; {100 * slope.survived / light:.1f} % of the {math.degrees(light):.2f} deg of a massless"
+                  " foot"),
+        _row(setting, id="push", equation="(6)", scenario=None, unit="N s", value=impulse.survived, basis="sampled",
+             sense="at least", note=_share(impulse)),
+    ]  # fmt: skip
+
+
+def _share(found: Survival) -> str:
+    return f"{100 * found.share:.1f} % of the {found.limit:.4g} N s that any ankle controller can survive"
+
+
+def _row(
+    setting: Setting, *, id: str, sense: str, value: float | None, note: str = "", fails: bool = False, **facts: Any
+) -> Row:
+    """A row against what the spec requires of ``id``; infinite values are kept as None with the note that says so."""
+    required: Required | None = setting.required.get(id)
+    level = required.level if required else None
+    margin = None
+    if value is not None and level is not None:
+        margin = value - level if sense == "at least" else level - value
+    status: RowStatus
+    if fails:
+        status = "violated"
+    elif value is None:
+        status = "undecided"
+    else:
+        status = "met" if margin is None or margin >= 0 else "violated"
+    finite = value is not None and math.isfinite(value)
+    return Row(
+        id=id, value=value if finite else None, required=level,
+        margin=margin if margin is not None and math.isfinite(margin) else None,
+        status=status, soft=bool(required and required.soft), note=note, time_s=facts.pop("time_s", None), **facts,
+    )  # fmt: skip

@@ -1,0 +1,53 @@
+"""A row: one limit in one scenario, its value, what is required, the margin, and whether it is met."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from design.analysis.simulate import Trajectory
+
+RowStatus = Literal["met", "violated", "undecided"]
+Basis = Literal["exact", "sampled", "proved"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One checked statement; ``margin`` >= 0 (for (27)-(29) and the decay rate > 0) means met.
+
+    ``value``, ``required`` and ``margin`` in ``unit``; None where there is none. ``time_s``: where it is worst.
+    """
+
+    id: str
+    equation: str
+    scenario: str | None
+    unit: str
+    value: float | None
+    required: float | None
+    margin: float | None
+    status: RowStatus
+    time_s: float | None
+    basis: Basis
+    soft: bool = False
+    note: str = ""
+
+    @property
+    def counts(self) -> bool:
+        """Whether the verdict depends on this row."""
+        return self.required is not None and not self.soft
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Verdict:
+    """All rows of one design, and the runs that they were read from."""
+
+    rows: tuple[Row, ...]
+    trajectories: tuple[Trajectory, ...]
+
+    @property
+    def overall(self) -> RowStatus:
+        """``violated`` if any row that counts is; else ``undecided`` if any is, or if none counts; else ``met``."""
+        counting = [row.status for row in self.rows if row.counts]
+        if "violated" in counting:
+            return "violated"
+        return "undecided" if "undecided" in counting or not counting else "met"

@@ -1,0 +1,221 @@
+"""How much gain, phase, delay and sampling the linear loop bears: from polynomials, without a frequency grid.
+
+The loop is broken where a signal could be late or wrong and written as P(s) + Q(s) = 0, Q being the part that passes
+the break:
+
+actuator
+    P = s (I s² - A L),  Q = s (K_d s + K_p) - (K_f/ell)(I s² - A L);  L = Q/P
+force measurement
+    P = s (I s² + K_d s + K_p - A L),  Q = -(K_f/ell)(I s² - A L)
+angle measurement (angle and rate)
+    P = (s - K_f/ell)(I s² - A L),  Q = s (K_d s + K_p)
+
+With the foot on the ground F_H - F_T = tau/ell (11), so that the law's own integral is an unstable filter inside the
+loop; a Nyquist count must know it, and these formulas do: the nominal loop is stable, and each margin is the smallest
+change that puts a root on the imaginary axis. Crossings are the positive real roots of polynomials in omega². For law
+(20) K_f stands for K_f (M + m) g/(F_T + F_H); law pd has K_f = 0, and a factor s cancels.
+
+Sources: gain, phase and modulus margin as usual; disk margin in the form of S - T (Seiler, Packard and Gahinet, IEEE
+Control Systems 40, 2020): alpha = 1/max |(S - T)/2|; delay margin by direct frequency sweeping made finite (Walton and
+Marshall, IEE Proc. D 134, 1987).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import NDArray
+
+from design.model.body import Biped
+from design.model.laws import Gains, LawKind
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Break:
+    """The characteristic function P + Q, in rising powers of s; Q passes the break."""
+
+    P: Polynomial
+    Q: Polynomial
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopMargins:
+    """Margins at the actuator, and delays elsewhere; infinite where no change of that kind destabilises.
+
+    ``gain_up`` > 1 and ``gain_down`` < 1 are factors of the loop gain; ``phase`` [rad] in either direction; ``modulus``
+    the least |1 + L|; ``disk`` alpha and its frequency ``disk_at`` [rad/s]; delays [s].
+    """
+
+    gain_up: float
+    gain_down: float
+    phase: float
+    modulus: float
+    disk: float
+    disk_at: float
+    delay: float
+    force_delay: float
+    angle_delay: float
+
+
+def effective_gain(biped: Biped, kind: LawKind, K_f: float, load: float) -> float:
+    """K_f as it acts in the linear loop [m/s]."""
+    if kind == "pd":
+        return 0.0
+    return K_f * biped.weight / load if kind == "cop" else K_f
+
+
+def breaks(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> dict[str, Break]:
+    """The loop broken at ``actuator``, ``force`` and ``angle``; ``force`` is missing for law pd."""
+    rest = Polynomial([-A * biped.L, 0.0, biped.I])
+    feedback = Polynomial([K.K_p, K.K_d])
+    if kind == "pd":
+        return {"actuator": Break(P=rest, Q=feedback), "angle": Break(P=rest, Q=feedback)}
+    pull = effective_gain(biped, kind, K.K_f, load) / biped.ell
+    s = Polynomial([0.0, 1.0])
+    return {
+        "actuator": Break(P=s * rest, Q=s * feedback - pull * rest),
+        "force": Break(P=s * (rest + feedback), Q=-pull * rest),
+        "angle": Break(P=(s - pull) * rest, Q=s * feedback),
+    }
+
+
+def loop_margins(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> LoopMargins:
+    """All margins of a loop that is stable; raises ``ValueError`` for one that is not."""
+    at = breaks(biped, kind, K, A, load)
+    P, Q = at["actuator"].P, at["actuator"].Q
+    if (P + Q).roots().real.max() >= 0:
+        message = "the loop is not stable; it has no margins"
+        raise ValueError(message)
+    factors = _critical_gains(P, Q)
+    disk, disk_at = _peak(0.5 * (P - Q), P + Q)
+    peak, _ = _peak(P, P + Q)
+    return LoopMargins(
+        gain_up=min((k for k in factors if k > 1), default=math.inf),
+        gain_down=max((k for k in factors if 0 < k < 1), default=0.0),
+        phase=min((abs(_wrapped(_lag(P, Q, w))) for w in _unit_gain(P, Q)), default=math.inf),
+        modulus=1.0 / peak,
+        disk=1.0 / disk,
+        disk_at=disk_at,
+        delay=delay_margin(at["actuator"]),
+        force_delay=delay_margin(at["force"]) if "force" in at else math.inf,
+        angle_delay=delay_margin(at["angle"]),
+    )
+
+
+def delay_margin(broken: Break) -> float:
+    """The smallest T > 0 at which P + Q exp(-s T) has a root on the imaginary axis [s]."""
+    return min((_lag(broken.P, broken.Q, w) / w for w in _unit_gain(broken.P, broken.Q)), default=math.inf)
+
+
+def _square(p: Polynomial) -> Polynomial:
+    """|p(i omega)|² as a polynomial in w = omega²."""
+    even, odd = _parts(p)
+    return even * even + Polynomial([0.0, 1.0]) * odd * odd
+
+
+def _parts(p: Polynomial) -> tuple[Polynomial, Polynomial]:
+    """p(i omega) = even(w) + i omega odd(w) with w = omega²."""
+    signs = np.array([(-1.0) ** (k // 2) for k in range(len(p.coef))])
+    c = p.coef * signs
+    return Polynomial(c[0::2]), Polynomial(c[1::2] if len(c) > 1 else [0.0])
+
+
+def _positive_roots(p: Polynomial) -> list[float]:
+    """Real roots > 0; a pair that rounding moved off the axis counts, since a margin may only err on the safe side."""
+    p = p.trim(1e-14 * float(np.abs(p.coef).max() or 1.0))
+    if p.degree() < 1:
+        return []
+    roots = p.roots()
+    size = float(np.abs(roots).max())
+    near = np.abs(roots.imag) <= 1e-7 * np.abs(roots)
+    return sorted(float(r) for r in roots.real[near] if r > 1e-12 * size)
+
+
+def _unit_gain(P: Polynomial, Q: Polynomial) -> list[float]:
+    """Frequencies at which |Q/P| = 1 [rad/s]."""
+    return [math.sqrt(w) for w in _positive_roots(_square(Q) - _square(P))]
+
+
+def _lag(P: Polynomial, Q: Polynomial, omega: float) -> float:
+    """The phase lag in (0, 2 pi] that brings Q/P to -1 at ``omega``."""
+    ratio = Q(1j * omega) / P(1j * omega)
+    lag = float(np.angle(-ratio)) % (2 * math.pi)
+    return lag if lag > 0 else 2 * math.pi
+
+
+def _wrapped(angle: float) -> float:
+    return (angle + math.pi) % (2 * math.pi) - math.pi
+
+
+def _critical_gains(P: Polynomial, Q: Polynomial) -> list[float]:
+    """Factors k of Q at which P + k Q has a root on the imaginary axis, k > 0."""
+    P_even, P_odd = _parts(P)
+    Q_even, Q_odd = _parts(Q)
+    crossings = _positive_roots(P_odd * Q_even - P_even * Q_odd)  # where Q/P is real
+    found = []
+    for w in crossings:
+        s = 1j * math.sqrt(w)
+        found.append(float(-(P(s) / Q(s)).real))
+    if Q(0.0) != 0:  # a root through the origin
+        found.append(float(-P(0.0) / Q(0.0)))
+    return [k for k in found if k > 0]
+
+
+def _peak(above: Polynomial, below: Polynomial) -> tuple[float, float]:
+    """The largest |above/below| on the imaginary axis, infinity included, and its frequency [rad/s]."""
+    a, b = _square(above), _square(below)
+    candidates = [0.0, *_positive_roots(a.deriv() * b - a * b.deriv())]
+    values = [(float(a(w) / b(w)), math.sqrt(w)) for w in candidates]
+    end = above.coef[-1] / below.coef[-1] if len(above.coef) == len(below.coef) else 0.0
+    values.append((float(end) ** 2, math.inf))
+    best = max(values)
+    return math.sqrt(best[0]), best[1]
+
+
+def sampled_matrix(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, period: float) -> Array:
+    """The loop over one ``period`` [s] with the torque held: exact, for the states (theta, omega, s).
+
+    The law reads the states at the beginning of the period; its integral goes on by itself, as a force plate's does.
+    """
+    Omega = math.sqrt(A * biped.L / biped.I)
+    c, sh = math.cosh(Omega * period), math.sinh(Omega * period)
+    free = np.array([[c, sh / Omega], [Omega * sh, c]])
+    push = np.array([(c - 1.0) / (A * biped.L), sh / (Omega * biped.I)])
+    if kind == "pd":
+        return np.asarray(free + np.outer(push, [-K.K_p, -K.K_d]))
+    K_f = effective_gain(biped, kind, K.K_f, load)
+    torque = np.array([-K.K_p, -K.K_d, K_f])
+    open_loop = np.zeros((3, 3))
+    open_loop[:2, :2], open_loop[2, 2] = free, 1.0
+    return np.asarray(open_loop + np.outer([*push, period / biped.ell], torque))
+
+
+def longest_period(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> float:
+    """The sampling period [s] at which the held loop first leaves the unit circle; stable at every shorter one.
+
+    Sought upward in steps of one per cent, then by bisection; raises ``ValueError`` if the loop is unstable.
+    """
+
+    def radius(period: float) -> float:
+        return float(np.abs(np.linalg.eigvals(sampled_matrix(biped, kind, K, A, load, period))).max())
+
+    broken = breaks(biped, kind, K, A, load)["actuator"]
+    fastest = float(np.abs((broken.P + broken.Q).roots()).max())
+    low = 1e-3 / fastest
+    if radius(low) >= 1:
+        message = "the loop is not stable; no sampling period keeps it so"
+        raise ValueError(message)
+    high = low
+    while radius(high) < 1:
+        low, high = high, high * 1.01
+        if high * fastest > 1e4:
+            return math.inf
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if radius(middle) < 1 else (low, middle)
+    return low

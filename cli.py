@@ -18,6 +18,7 @@ import typer
 
 if TYPE_CHECKING:
     from design.model.laws import Gains
+    from design.present.report import Report
     from design.spec.load import Source
     from design.spec.setting import Setting
 
@@ -69,6 +70,16 @@ class Format(StrEnum):
     json = "json"
 
 
+class ReportFormat(StrEnum):
+    """How a report is printed."""
+
+    text = "text"
+    json = "json"
+    md = "md"
+    html = "html"
+    junit = "junit"
+
+
 SpecArgument = Annotated[str, typer.Argument(metavar="SPEC", help="TOML file, built-in name, or - for standard input.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Treat implausible numbers as errors.")]
 GainsOption = Annotated[str | None, typer.Option("--gains", metavar="KP,KD,KF", help="Gains instead of the spec's.")]
@@ -111,6 +122,9 @@ def simulate(
     gains: GainsOption = None,
     format: Annotated[RunFormat, typer.Option("--format", help="Form of the output.")] = RunFormat.text,
     plot: Annotated[str | None, typer.Option("--plot", metavar="FILE", help="Draw it: .png, .svg or .pdf.")] = None,
+    animate: Annotated[
+        str | None, typer.Option("--animate", metavar="FILE.gif", help="Draw the biped moving; one scenario.")
+    ] = None,
     output: Output = None,
     strict: Strict = False,
 ) -> None:
@@ -121,6 +135,8 @@ def simulate(
     from design.present import plots, store, text
 
     picture = plots.format_of(plot) if plot else None
+    if animate:
+        plots.gif_only(animate)
     chosen = problem.scenarios if scenario is None else (problem.scenario(scenario),)
     its = problem.given_gains()
     loop = closed_loop(problem.biped, problem.law, problem.theta_d)
@@ -135,6 +151,10 @@ def simulate(
     if plot and picture:
         figure = plots.run_figure(runs, problem.biped.ell, f"{source.spec.name}: {text.gains_line(its, problem.law)}")
         store.write(plot, plots.figure_bytes(figure, picture))
+    if animate:
+        from design.present.animation import gif_bytes
+
+        store.write(animate, gif_bytes(problem.biped, runs[0]))
     _deliver(result, output)
 
 
@@ -177,29 +197,69 @@ def report(
     spec: Annotated[str, typer.Argument(metavar="SPEC|DESIGN", help="Spec, or a design.json of `synthesize`.")],
     law: LawOption = None,
     gains: GainsOption = None,
-    format: Annotated[Format, typer.Option("--format", help="Form of the output.")] = Format.text,
+    against: Annotated[str | None, typer.Option("--against", metavar="SPEC|DESIGN", help="Beside another.")] = None,
+    format: Annotated[ReportFormat, typer.Option("--format", help="Form of the output.")] = ReportFormat.text,
     output: Output = None,
     strict: Strict = False,
 ) -> None:
-    """Say of every requirement whether it is kept, by how much, and where it is worst."""
-    source, problem = _read(spec, law, gains, strict)
-    from design.analysis.verdict import judge
-    from design.present import store, text
+    """Say of every requirement whether it is kept, by how much, and where it is worst.
 
-    its = problem.given_gains()
-    verdict = judge(problem, its, "all")
-    if format is Format.json:
-        rows = [store.row_json(row) for row in verdict.rows]
-        parts = {"status": "solved", "law": problem.law, "gains": store.gains_json(its), "verdict": verdict.overall}
-        result = store.dumps(store.document("report", source, **parts, rows=rows))
+    With --against the two designs stand side by side; the exit code is the first one's. With -o FILE.html, .md, .json
+    or .xml the form follows the file's ending.
+    """
+    from design.present import report as present
+    from design.present import store
+
+    if output and format is ReportFormat.text:
+        format = {".html": ReportFormat.html, ".md": ReportFormat.md, ".json": ReportFormat.json,
+                  ".xml": ReportFormat.junit}.get(Path(output).suffix, format)  # fmt: skip
+    one = _report(spec, law, gains, strict)
+    other = _report(against, None, None, strict, one) if against else None
+    paint = text_paint(to_file=output is not None)
+    if format is ReportFormat.json:
+        result = store.dumps(present.as_json(one, other))
+    elif other is not None:
+        if format is not ReportFormat.text:
+            from design.errors import BadInput
+
+            message = f"is not written as {format.value}; use --format text or json"
+            raise BadInput(message, key="--against")
+        result = present.comparison(one, other, (spec, against or ""), paint)
+    elif format is ReportFormat.md:
+        result = present.as_markdown(one)
+    elif format is ReportFormat.junit:
+        result = present.as_junit(one)
+    elif format is ReportFormat.html:
+        from design.present.html import as_html
+
+        result = as_html(one)
     else:
-        paint = text_paint(to_file=output is not None)
-        words = {"met": ("KEPT", "good"), "violated": ("BROKEN", "bad"), "undecided": ("UNDECIDED", "doubt")}
-        lines = [f"{source.spec.name}, law {problem.law}, {text.gains_line(its, problem.law)}", ""]
-        lines += [*text.report_table(verdict.rows, paint), "", f"specification: {paint(*words[verdict.overall])}"]
-        result = "\n".join(lines) + "\n"
+        result = present.as_text(one, paint)
     _deliver(result, output)
-    raise typer.Exit({"met": MET, "violated": VIOLATED, "undecided": UNDECIDED}[verdict.overall])
+    raise typer.Exit({"met": MET, "violated": VIOLATED, "undecided": UNDECIDED}[one.verdict.overall])
+
+
+@app.command()
+def explain(row: Annotated[str, typer.Argument(metavar="ROW", help="A row's id, as in the report.")]) -> None:
+    """Explain a row of the report: what it says, why it matters, its formula, how to improve it."""
+    from design.present.explain import explain as page
+
+    out(page(row))
+
+
+def _report(
+    reference: str, law: LawName | None, gains: str | None, strict: bool, beside: Report | None = None
+) -> Report:
+    """The report on a spec or design; ``beside`` another it is judged by that one's specification."""
+    from design.analysis.verdict import judge
+    from design.present.report import Report
+
+    source, problem = _read(reference, law, gains, strict)
+    its = problem.given_gains()
+    if beside is not None:
+        source, problem = beside.source, beside.setting.with_law(problem.law, its)
+        its = problem.given_gains()
+    return Report(source=source, setting=problem, gains=its, verdict=judge(problem, its, "all"))
 
 
 def _read(reference: str, law: LawName | None, gains: str | None, strict: bool) -> tuple[Source, Setting]:

@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from design.analysis.simulate import Trajectory
 
+Array = NDArray[np.float64]
 RowStatus = Literal["met", "violated", "undecided"]
 Basis = Literal["exact", "sampled", "proved"]
 
@@ -38,11 +42,25 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Series:
+    """What a row was read from: ``value`` (n,) of its limit at times ``t`` (n,) [s], against ``level`` (None: none)."""
+
+    id: str
+    scenario: str
+    unit: str
+    sense: Literal["at least", "at most"]
+    t: Array
+    value: Array
+    level: float | None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Verdict:
-    """All rows of one design, and the runs that they were read from."""
+    """All rows of one design, and the runs and series that they were read from."""
 
     rows: tuple[Row, ...]
     trajectories: tuple[Trajectory, ...]
+    series: tuple[Series, ...] = ()
 
     @property
     def overall(self) -> RowStatus:

@@ -28,7 +28,7 @@ from design.model.laws import Gains
 
 HORIZON = 10.0
 """How long survival is watched [s]."""
-SCAN = 12
+SCAN = 8
 
 
 @dataclass(frozen=True, kw_only=True)

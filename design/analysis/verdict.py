@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.analysis.further import LINEAR_IDS, RUN_IDS, STEP_IDS, loop_rows, run_rows, survival_rows
-from design.analysis.rows import Row, Verdict
+from design.analysis.rows import Row, Series, Verdict
 from design.analysis.simulate import Trajectory, components, simulate
 from design.model.closed_loop import ClosedLoop, closed_loop
 from design.model.environment import Scenario
@@ -47,16 +47,17 @@ def judge(setting: Setting, gains: Gains, extent: Literal["required", "all"] = "
     loop = closed_loop(setting.biped, setting.law, setting.theta_d)
     bounds = limits(loop.plant, setting.required)
     rows: list[Row] = []
-    trajectories = []
+    trajectories: list[Trajectory] = []
+    series: list[Series] = []
     for scenario in setting.scenarios:
         rows += stability_rows(setting, scenario, gains)
         trajectory = simulate(loop, scenario, gains, setting.step)
         trajectories.append(trajectory)
         distrust = coarse_step(loop, scenario, gains, setting.step)
         found = components(bounds, trajectory)
-        rows += [
-            limit_row(limit, quantity, trajectory, distrust) for limit, quantity in zip(bounds, found, strict=True)
-        ]
+        for limit, quantity in zip(bounds, found, strict=True):
+            rows.append(limit_row(limit, quantity, trajectory, distrust))
+            series.append(_series(limit, quantity, trajectory))
         if wanted(RUN_IDS):
             rows += run_rows(setting, loop, scenario, gains, trajectory, distrust)
     if wanted(LINEAR_IDS):
@@ -64,7 +65,7 @@ def judge(setting: Setting, gains: Gains, extent: Literal["required", "all"] = "
     if wanted(STEP_IDS):
         distrusts = [coarse_step(loop, scenario, gains, setting.step) for scenario in setting.scenarios]
         rows += survival_rows(setting, loop, gains, next(filter(None, distrusts), ""))
-    return Verdict(rows=tuple(rows), trajectories=tuple(trajectories))
+    return Verdict(rows=tuple(rows), trajectories=tuple(trajectories), series=tuple(series))
 
 
 def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[Row]:
@@ -147,6 +148,14 @@ def limit_row(limit: Limit, quantity: Array, trajectory: Trajectory, distrust: s
     return Row(
         **facts, value=value, margin=margin if required else None, status="met" if met else "violated",
         time_s=float(trajectory.t[at]), note="; ".join(notes),
+    )  # fmt: skip
+
+
+def _series(limit: Limit, quantity: Array, run: Trajectory) -> Series:
+    level = limit.required.level if limit.required else None
+    return Series(
+        id=limit.id, scenario=run.scenario, unit=limit.unit, sense=limit.sense, t=run.t, value=limit.value(quantity),
+        level=level,
     )  # fmt: skip
 
 

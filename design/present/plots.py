@@ -33,7 +33,7 @@ def figure_bytes(figure: Figure, kind: str) -> bytes:
 
     stamp = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[kind]
     out = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "poise"}):
+    with mpl.rc_context({"svg.hashsalt": "poise", "svg.fonttype": "none"}):
         figure.savefig(out, format=kind, metadata=stamp, dpi=130)
     return out.getvalue()
 
@@ -49,15 +49,46 @@ def format_of(path: str) -> str:
     return kind
 
 
-def run_figure(runs: Sequence[Trajectory], ell: float, title: str) -> Figure:
-    """One column a scenario: angle, contact forces, estimated force, torque, CoP within the foot (``ell`` [m])."""
+def gif_only(path: str) -> None:
+    """Raise ``BadInput`` unless ``path`` ends in .gif."""
+    if Path(path).suffix.lower() != ".gif":
+        message = f"ends in {Path(path).suffix or 'nothing'}; an animation is written as .gif"
+        raise BadInput(message, file=path)
+
+
+def canvas(width: float, height: float, rows: int = 1, columns: int = 1, *, sharex: Any = False) -> tuple[Figure, Any]:
+    """An empty figure of ``width`` x ``height`` [inches] that needs no display, and its axes (rows, columns)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(max(6.4, 4.6 * len(runs)), 11.0), layout="constrained")
+    figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
-    grid: Any = figure.subplots(5, len(runs), sharex="col", squeeze=False)
-    figure.suptitle(title, fontsize=11)
+    axes = figure.subplots(rows, columns, sharex=sharex, squeeze=False)
+    gap = 0.9 / (width / columns), 0.22 if rows > 1 else 0.0  # margins in inches: a layout engine takes half the time
+    figure.subplots_adjust(
+        left=0.85 / width,
+        right=1 - 0.15 / width,
+        bottom=0.5 / height,
+        top=1 - 0.42 / height,
+        wspace=gap[0],
+        hspace=gap[1],
+    )
+    return figure, axes
+
+
+def plain(ax: Axes) -> None:
+    """A light grid, and no box."""
+    ax.grid(visible=True, color="#e4e4e4", linewidth=0.6)
+    ax.set_axisbelow(True)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+
+
+def run_figure(runs: Sequence[Trajectory], ell: float, title: str) -> Figure:
+    """One column a scenario: angle, contact forces, estimated force, torque, CoP within the foot (``ell`` [m])."""
+    figure, grid = canvas(max(6.4, 4.6 * len(runs)), 11.0, 5, len(runs), sharex="col")
+    if title:
+        figure.suptitle(title, fontsize=10, y=1 - 0.06 / 11.0)
     for column, run in enumerate(runs):
         axes = grid[:, column]
         _angle(axes[0], run)
@@ -65,13 +96,11 @@ def run_figure(runs: Sequence[Trajectory], ell: float, title: str) -> Figure:
         _estimate(axes[2], run)
         _torque(axes[3], run)
         _cop(axes[4], run, ell)
-        axes[0].set_title(run.scenario, fontsize=10)
+        axes[0].set_title(run.scenario, fontsize=9)
         axes[-1].set_xlabel("time [s]")
         for ax in axes:
             ax.margins(x=0)
-            ax.grid(visible=True, color="#e4e4e4", linewidth=0.6)
-            for side in ("top", "right"):
-                ax.spines[side].set_visible(False)
+            plain(ax)
     figure.align_ylabels()
     return figure
 
@@ -85,8 +114,8 @@ def _angle(ax: Axes, run: Trajectory) -> None:
 
 
 def _contact(ax: Axes, run: Trajectory) -> None:
-    ax.plot(run.t, run.F_T, color=BLUE, label="toe $F_T$")
-    ax.plot(run.t, run.F_H, color=ORANGE, linestyle="--", label="heel $F_H$")
+    ax.plot(run.t, run.F_T, color=BLUE, label="toe F_T")
+    ax.plot(run.t, run.F_H, color=ORANGE, linestyle="--", label="heel F_H")
     ax.axhline(0.0, color="black", linewidth=1.0)
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, -0.04 * (high - low)), high)
@@ -106,10 +135,8 @@ def _contact(ax: Axes, run: Trajectory) -> None:
 
 def _estimate(ax: Axes, run: Trajectory) -> None:
     for k, (name, colour) in enumerate((("x", BLUE), ("y", ORANGE))):
-        ax.plot(run.t, run.F[k], color=colour, linewidth=2.6, alpha=0.35, label=f"true $F_{name}$")
-        ax.plot(
-            run.t, run.F_estimate[k], color=colour, linestyle="--", linewidth=1.2, label=f"estimate $\\hat F_{name}$"
-        )
+        ax.plot(run.t, run.F[k], color=colour, linewidth=2.6, alpha=0.35, label=f"true F_{name}")
+        ax.plot(run.t, run.F_estimate[k], color=colour, linestyle="--", linewidth=1.2, label=f"estimate F_{name}")
     ax.set_ylabel("external force [N]")
     _legend(ax)
 

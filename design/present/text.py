@@ -66,30 +66,35 @@ def word(row: Row) -> tuple[str, str]:
     return ("BROKEN", "bad") if not row.soft else ("broken*", "doubt")
 
 
-def report_table(rows: Sequence[Row], paint: Paint) -> list[str]:
-    """All rows, worst first, with notes below."""
+def ranked(rows: Sequence[Row]) -> list[Row]:
+    """Worst first: broken, undecided, broken but soft, kept (the smallest part of a margin first), informing."""
     order = {"BROKEN": 0, "UNDECIDED": 1, "broken*": 2, "KEPT": 3, "INFO": 4}
 
     def rank(row: Row) -> tuple[int, float]:
         size = max(abs(row.required or 0.0), abs(row.value or 0.0), 1e-12)
         return order[word(row)[0]], (row.margin / size if row.margin is not None else 0.0)
 
-    ranked = sorted(rows, key=rank)
+    return sorted(rows, key=rank)
+
+
+def report_table(rows: Sequence[Row], paint: Paint) -> list[str]:
+    """All rows, worst first, with notes below."""
+    sorted_rows = ranked(rows)
     body = [
         [
             word(row)[0], row.id, row.scenario or "", number(row.value), number(row.required), number(row.margin, 4),
             row.unit, number(row.time_s, 5),
         ]
-        for row in ranked
+        for row in sorted_rows
     ]  # fmt: skip
     header = ["", "row", "scenario", "value", "needs", "margin", "unit", "at s"]
     lines = table(header, body, right=(3, 4, 5, 7))
     width = max(len(line[0]) for line in [header, *body])
     painted = [lines[0]]
-    for line, row in zip(lines[1:], ranked, strict=True):
+    for line, row in zip(lines[1:], sorted_rows, strict=True):
         painted.append(paint(line[:width], word(row)[1]) + line[width:])
     notes = []
-    for row in ranked:
+    for row in sorted_rows:
         if row.note:
             place = f", {row.scenario}" if row.scenario else ""
             notes += textwrap.wrap(f"{row.id}{place}: {row.note}", 78, initial_indent="  ", subsequent_indent="    ")

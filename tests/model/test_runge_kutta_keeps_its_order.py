@@ -74,9 +74,7 @@ def _steps_that_cross(scenario, h):
         return np.vstack([np.interp(at, times, row) for row in scenario.signal])
 
     force = [scenario.to_force(signal(at)) for at in (t[:-1], t[:-1] + h / 2, t[1:], t)]
-    return Steps(
-        t=t, h=np.diff(t), start=force[0], middle=force[1], end=force[2], force=force[3], signal=signal(t)
-    )
+    return Steps(t=t, h=np.diff(t), start=force[0], middle=force[1], end=force[2], force=force[3], signal=signal(t))
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -41,7 +41,7 @@ def scenarios(draw):
 
 
 steps_of = st.one_of(st.sampled_from([0.001, 0.01, 0.1, 0.3]), st.floats(2e-3, 1.0))
-several = settings(max_examples=150, deadline=None)
+several = settings(max_examples=100, deadline=None)
 
 
 def _signal_beside(scenario, t, side):

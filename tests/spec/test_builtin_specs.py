@@ -1,6 +1,7 @@
 """Every built-in spec loads, is printed as it is stored, fits the JSON Schema, and is remarked on where it is odd."""
 
 import copy
+import json
 import math
 import sys
 import tomllib
@@ -22,6 +23,8 @@ from design.spec.setting import setting
 LIBRARY = Path(design.spec.__file__).parent / "library"
 NAMES = sorted(path.stem for path in LIBRARY.glob("*.toml"))
 SLOPE = tomllib.loads(builtin_text("slope"))
+ADULT = tomllib.loads(builtin_text("adult-slope"))
+SCHEMA = jsonschema.Draft202012Validator(json_schema())
 
 
 def changed(base=SLOPE, **values):
@@ -36,7 +39,7 @@ def changed(base=SLOPE, **values):
 
 def remarks_on(**values):
     """What is remarked on the adult's spec, on which nothing is, with ``values`` put in."""
-    return list(remarks(Spec.model_validate(changed(tomllib.loads(builtin_text("adult-slope")), **values))))
+    return list(remarks(Spec.model_validate(changed(ADULT, **values))))
 
 
 @pytest.fixture
@@ -118,7 +121,7 @@ def test_the_schema_is_one():
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_built_in_spec_fits_the_schema(name):
-    jsonschema.validate(tomllib.loads(builtin_text(name)), json_schema())
+    SCHEMA.validate(tomllib.loads(builtin_text(name)))
 
 
 GOOD = {
@@ -143,6 +146,7 @@ BAD = {
     "key of another kind": {"scenario__fx_n": 1.0},
     "unknown law": {"law__kind": "pid"},
     "negative gain": {"law__kp": -1.0},
+    "no inertia": {"body__inertia_kgm2": 0.0},
     "no scenario": {"scenarios": []},
     "newer version": {"schema_version": 2},
     "three bounds": {"synthesis__bounds": {"kp": [0.0, 1.0, 2.0], "kd": [0.0, 1.0]}},
@@ -155,7 +159,7 @@ BAD = {
 def test_what_the_loader_accepts_the_schema_accepts(values):
     data = changed(**values)
     Spec.model_validate(data)
-    jsonschema.validate(data, json_schema())
+    SCHEMA.validate(data)
 
 
 @pytest.mark.parametrize("values", BAD.values(), ids=BAD.keys())
@@ -164,12 +168,10 @@ def test_what_the_loader_refuses_the_schema_refuses(values):
     with pytest.raises(ValueError, match="validation error"):
         Spec.model_validate(data)
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(data, json_schema())
+        SCHEMA.validate(data)
 
 
 def test_the_schema_command_prints_the_schema(poise):
-    import json
-
     code, out, err = poise("schema")
     assert (code, err) == (0, [])
     assert json.loads(out) == json_schema()
@@ -177,7 +179,7 @@ def test_the_schema_command_prints_the_schema(poise):
 
 def test_every_number_of_the_schema_is_described():
     for table in json_schema()["$defs"].values():
-        for key, its in table["properties"].items():
+        for key, its in table.get("properties", {}).items():
             if key not in ("kind", "min", "max"):
                 assert its.get("description"), f"{table['title']}.{key}"
 
@@ -229,10 +231,26 @@ def test_inertia_that_is_left_out_is_that_of_a_rod_and_not_remarked_on():
 # Another unit
 
 SLIPS = {
-    "height in cm": ({"body__com_height_m": 175.0, "body__inertia_kgm2": 3e6}, "body.com_height_m", ("175 m", "cm", "1.75")),
-    "height in mm": ({"body__com_height_m": 0.00092, "body__inertia_kgm2": 1e-4}, "body.com_height_m", ("0.92 mm",)),
-    "mass in g": ({"body__mass_kg": 900.0, "body__inertia_kgm2": 900.0}, "body.mass_kg", ("900 kg", "g", "0.9")),
-    "mass in N": ({"body__mass_kg": 687.0, "body__inertia_kgm2": 687.0}, "body.mass_kg", ("687 kg", "N", "70.03")),
+    "height in cm": (
+        {"body__com_height_m": 175.0, "body__inertia_kgm2": 3e6},
+        "body.com_height_m",
+        ("175 m", "cm", "1.75"),
+    ),
+    "height in mm": (
+        {"body__com_height_m": 0.00092, "body__inertia_kgm2": 1e-4},
+        "body.com_height_m",
+        ("0.92 mm",),
+    ),
+    "mass in g": (
+        {"body__mass_kg": 900.0, "body__inertia_kgm2": 900.0},
+        "body.mass_kg",
+        ("900 kg", "g", "0.9"),
+    ),
+    "mass in N": (
+        {"body__mass_kg": 687.0, "body__inertia_kgm2": 687.0},
+        "body.mass_kg",
+        ("687 kg", "N", "70.03"),
+    ),
     "foot in cm": ({"foot__half_length_m": 9.0}, "foot.half_length_m", ("9 m", "cm", "0.09")),
     "slope in rad": ({"scenario__angle_deg": 0.1}, "scenarios[0].angle_deg", ("0.1°", "radians", "5.73")),
     "slope in rad, uphill": ({"scenario__angle_deg": -0.5236}, "scenarios[0].angle_deg", ("radians", "-30")),
@@ -246,9 +264,8 @@ SLIPS = {
 @pytest.mark.parametrize(("values", "key", "said"), SLIPS.values(), ids=SLIPS.keys())
 def test_a_number_in_another_unit_is_remarked_on_with_the_value_in_both(values, key, said):
     about = [remark for remark in remarks_on(**values) if remark.startswith(key)]
-    assert len(about) == 1
-    assert all(word in about[0] for word in said), about[0]
-    assert len(about[0].splitlines()) == 1
+    assert any(all(word in remark for word in said) for remark in about), about
+    assert all(len(remark.splitlines()) == 1 for remark in about)
 
 
 def test_a_wind_above_the_weight_and_a_violent_train_are_remarked_on():
@@ -270,7 +287,12 @@ def test_a_wind_above_the_weight_and_a_violent_train_are_remarked_on():
         {"simulation__gravity_mps2": 1.62},
         {"simulation__time_step_s": 0.01},
         {"body__mass_kg": 120.0, "body__com_height_m": 1.2, "body__inertia_kgm2": 200.0},
-        {"body__mass_kg": 12.0, "body__com_height_m": 0.45, "body__inertia_kgm2": 3.0, "foot__half_length_m": 0.06},
+        {
+            "body__mass_kg": 12.0,
+            "body__com_height_m": 0.45,
+            "body__inertia_kgm2": 3.0,
+            "foot__half_length_m": 0.06,
+        },
     ],
     ids=["as it is", "level", "gentle", "uphill", "moon", "10 ms", "tall adult", "child"],
 )
@@ -281,7 +303,9 @@ def test_a_plausible_number_is_not_remarked_on(values):
 # --strict
 
 
-@pytest.mark.parametrize(("wrong", "key"), [("com_height_m = 175", "body.com_height_m"), ("angle_deg = 0.1", "angle_deg")])
+@pytest.mark.parametrize(
+    ("wrong", "key"), [("com_height_m = 175", "body.com_height_m"), ("angle_deg = 0.1", "angle_deg")]
+)
 def test_a_remark_is_a_warning_and_with_strict_an_error(wrong, key, poise, tmp_path):
     path = tmp_path / "mine.toml"
     text = builtin_text("adult-slope").replace("time_step_s = 0.001", "time_step_s = 0.01")

@@ -1,0 +1,45 @@
+"""Curves of the linear loop for pictures: root locus over the actuator's gain, and L on the imaginary axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.model.laws import Gains
+from design.model.margins import breaks
+from design.model.stability import deciding_points
+from design.spec.setting import Setting
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LoopCurves:
+    """``locus`` (k, n) poles at rising gain, ``start`` (n,) at none, ``poles`` (n,) at this design; L at ``omega``."""
+
+    locus: NDArray[np.complex128]
+    start: NDArray[np.complex128]
+    poles: NDArray[np.complex128]
+    omega: NDArray[np.float64]
+    L: NDArray[np.complex128]
+
+
+def loop_curves(setting: Setting, gains: Gains) -> LoopCurves:
+    """The curves at the largest A of the scenarios."""
+    A, load = (
+        np.concatenate(part)
+        for part in zip(*(s.operating_points(setting.biped) for s in setting.scenarios), strict=True)
+    )
+    A, load = deciding_points(setting.law, A, load)
+    worst = int(np.argmax(A))
+    broken = breaks(setting.biped, setting.law, gains, float(A[worst]), float(load[worst]))["actuator"]
+    factors = np.concatenate([np.linspace(0.0, 1.0, 300), np.linspace(1.0, 3.0, 200)])
+    size = max(float(np.abs((broken.P + broken.Q).roots()).max()), 1e-6)
+    omega = np.logspace(np.log10(size) - 3.5, np.log10(size) + 1.5, 500)
+    return LoopCurves(
+        locus=np.array([(broken.P + k * broken.Q).roots() for k in factors], dtype=np.complex128),
+        start=np.asarray(broken.P.roots(), dtype=np.complex128),
+        poles=np.asarray((broken.P + broken.Q).roots(), dtype=np.complex128),
+        omega=omega,
+        L=np.asarray(broken.Q(1j * omega) / broken.P(1j * omega)),
+    )

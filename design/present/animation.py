@@ -1,7 +1,7 @@
 """The two links in motion: foot and body on the tilting ground, contact and external forces as arrows, the CoP.
 
-Drawn in the world's frame: on a slope the ground turns and gravity stays; elsewhere the ground is level. Forces have one
-scale, given in the picture; a foot that has lost contact is drawn in red.
+Drawn in the world's frame: on a slope the ground turns and gravity stays; elsewhere the ground is level. The external
+force is drawn twice as long as the contact forces; a foot that has lost contact is drawn in red.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from design.present.plots import BLUE, GREY, ORANGE, RED, canvas
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FRAMES_PER_SECOND = 20
-MOST_FRAMES = 400
+FRAMES_PER_SECOND = 15
+MOST_FRAMES = 240
 
 
 def gif_bytes(biped: Biped, run: Trajectory) -> bytes:
@@ -68,7 +68,7 @@ def _frame(ax: Axes, biped: Biped, run: Trajectory, k: int) -> None:
     for place, force, colour in ((ell, run.F_T[k], BLUE), (-ell, run.F_H[k], ORANGE)):
         _arrow(ax, place * along, scale * force * up, colour)
     push = run.F[0, k] * along + run.F[1, k] * up
-    if run.alpha is None and np.hypot(*push) > 1e-9:
+    if np.hypot(*push) > 1e-9:
         _arrow(ax, L * body, scale * push * 2, RED)
     if abs(run.P[k]) <= ell:
         ax.plot(*(run.P[k] * along), "^", color=RED, markersize=8, zorder=5)
@@ -80,9 +80,8 @@ def _frame(ax: Axes, biped: Biped, run: Trajectory, k: int) -> None:
     ax.set_title(f"{run.scenario}, t = {run.t[k]:.2f} s{slope}", fontsize=10)
     said = f"toe {run.F_T[k]:.0f} N (blue), heel {run.F_H[k]:.0f} N (orange), CoP {1e3 * run.P[k]:+.0f} mm (▲)"
     ax.text(0, -0.47 * L, said, ha="center", fontsize=8, color=RED if lost else "black")
-    force = f"external force ({run.F[0, k]:+.0f}, {run.F[1, k]:+.0f}) N" + (
-        " in the ground's frame" if slope else " (red, x 2)"
-    )
+    frame = ", in the ground's frame" if slope else ""
+    force = f"external force ({run.F[0, k]:+.0f}, {run.F[1, k]:+.0f}) N (red, x 2{frame})"
     ax.text(0, -0.54 * L, force, ha="center", fontsize=8)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from design.analysis.rows import Row, RowStatus, Verdict
 from design.model.laws import Gains
 from design.present import store
-from design.present.text import Paint, gains_line, number, ranked, report_table, table, word
+from design.present.text import Paint, gains_line, number, ranked, report_table, short, table, word
 from design.spec.load import Source
 from design.spec.setting import Setting
 
@@ -146,13 +146,17 @@ def comparison(one: Report, other: Report, names: tuple[str, str], paint: Paint)
         better = _better(row, match)
         mine, its = word(row)[0], word(match)[0] if match else ""
         body.append(
-            [row.id, row.scenario or "", f"{mine} {number(row.value)}", f"{its} {number(match.value if match else None)}",
-             row.unit, {1: "A", -1: "B", 0: ""}[better]]
+            [row.id, short(row.scenario, 8), f"{mine} {number(row.value)}",
+             f"{its} {number(match.value if match else None)}", row.unit, {1: "A", -1: "B", 0: ""}[better]]
         )  # fmt: skip
     lines = [f"A: {names[0]}: {one.title}", f"B: {names[1]}: {other.title}", ""]
-    lines += table(["row", "scenario", "A", "B", "unit", "better"], body)
+    lines += table(["row", "", "A", "B", "unit", "better"], body)
     verdicts = [paint(*WORDS[each.verdict.overall]) for each in (one, other)]
-    lines += ["", f"specification: A {verdicts[0]} ({one.counted}), B {verdicts[1]} ({other.counted})"]
+    lines += [
+        "",
+        f"specification: A {verdicts[0]} ({one.counted})",
+        f"               B {verdicts[1]} ({other.counted})",
+    ]
     return "\n".join(lines) + "\n"
 
 

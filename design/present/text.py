@@ -33,6 +33,8 @@ def number(value: float | None, digits: int = 6) -> str:
     """A number for people; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "-"
+    if digits == 6 and abs(value) < 1:
+        digits = 4
     return f"{value:.{digits}g}"
 
 
@@ -45,8 +47,14 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[
         parts = [
             cell.rjust(w) if k in right else cell.ljust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=True))
         ]
-        lines.append("  ".join(parts).rstrip())
+        lines.append(" ".join(parts).rstrip())
     return lines
+
+
+def short(name: str | None, most: int = 12) -> str:
+    """A scenario's name, cut where it would make a table too wide."""
+    name = name or ""
+    return name if len(name) <= most else name[: most - 1] + "…"
 
 
 def gains_line(gains: Gains, law: str) -> str:
@@ -82,7 +90,7 @@ def report_table(rows: Sequence[Row], paint: Paint) -> list[str]:
     sorted_rows = ranked(rows)
     body = [
         [
-            word(row)[0], row.id, row.scenario or "", number(row.value), number(row.required), number(row.margin, 4),
+            word(row)[0], row.id, short(row.scenario), number(row.value), number(row.required), number(row.margin, 4),
             row.unit, number(row.time_s, 5),
         ]
         for row in sorted_rows

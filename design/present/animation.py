@@ -17,7 +17,7 @@ from design.model.body import Biped
 from design.present.plots import BLUE, GREY, ORANGE, RED, canvas
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from design.present.plots import Axes
 
 FRAMES_PER_SECOND = 15
 MOST_FRAMES = 240

@@ -14,7 +14,7 @@ from design.present.report import WORDS, Report, binding
 from design.present.text import number, ranked, word
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from design.present.plots import Figure
 
 
 def as_html(report: Report) -> str:

@@ -18,8 +18,8 @@ from design.analysis.simulate import Trajectory
 from design.errors import BadInput
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,7 @@ from design.analysis.rows import Series
 from design.present.plots import BLUE, GREY, ORANGE, RED, canvas, plain
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from design.present.plots import Axes, Figure
 
 
 def limit_figure(parts: Sequence[Series]) -> Figure:

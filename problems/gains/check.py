@@ -1,0 +1,107 @@
+"""The winner under suspicion: bounds made exact, a verdict, a second integrator, eigenvalues, and what is active.
+
+What the optimiser claims counts for nothing where these disagree with it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.analysis.recheck import second_opinion
+from design.analysis.rows import Verdict
+from design.analysis.synthesis import OBJECTIVE_UNITS, Active, Answer, Synthesis
+from design.analysis.verdict import judge, worst
+from design.model.laws import Gains
+from design.solvers.outcome import Outcome, Status
+from problems.gains.exchange import Local
+from problems.gains.question import Goal, Question, in_unit, objective_rows, question_decay
+
+Array = NDArray[np.float64]
+
+
+def checked(question: Question, goal: Goal, winner: Local, tried: int, reached: int, optima: int) -> Answer:
+    """The answer that ``winner`` deserves: solved if everything agrees, undecided with what does not otherwise."""
+    gains, verdict, value = _snapped(question, goal, winner.point.gains)
+    claim = in_unit(question, goal, winner.point.v)
+    synthesis = Synthesis(
+        gains=gains, objective=goal, value=value, active=_active(question, goal, gains, verdict, value),
+        verdict=verdict, starts=tried, reached=reached, optima=optima,
+    )  # fmt: skip
+    doubt = _doubt(question, goal, gains, verdict)
+    slack = 1e-3 if goal == "decay-rate" else 1e-5  # at a triple pole the gains' last digits cost that much
+    if value < claim - slack * (abs(claim) + 1e-3 * in_unit(question, goal, 1.0)):
+        doubt = (
+            doubt
+            or f"{goal}: the program claims {claim:.8g}, the trajectory gives {value:.8g} {OBJECTIVE_UNITS[goal]}."
+        )
+    if verdict.overall != "met":
+        row = next(row for row in verdict.rows if row.counts and row.status == verdict.overall)
+        doubt = doubt or f"{row.id} in scenario {row.scenario!r} is {row.status}. {row.note}".strip()
+    if doubt:
+        return Answer(outcome=Outcome(status=Status.DISAGREEMENT, detail=doubt), missed=verdict.rows, starts=tried)
+    setting = question.setting
+    given = None if setting.gains is None else question.score(goal, setting.gains, judge(setting, setting.gains))
+    return Answer(outcome=Outcome(status=Status.SOLVED, found=synthesis), starts=tried, given=given)
+
+
+def _snapped(question: Question, goal: Goal, gains: Gains) -> tuple[Gains, Verdict, float]:
+    """The gains with those that touch a bound put on it, unless that costs anything."""
+    verdict = judge(question.setting, gains)
+    value = question.score(goal, gains, verdict)
+    K = np.array(gains)
+    for bound in (question.lower, question.upper):
+        K = np.where(np.abs(K - bound) <= 1e-6 * question.scale, bound, K)
+    snapped = Gains(*map(float, K))
+    if snapped == gains:
+        return gains, verdict, value
+    other = judge(question.setting, snapped)
+    its = question.score(goal, snapped, other)
+    if other.overall == "met" and its >= value - 1e-7 * abs(value):
+        return snapped, other, its
+    return gains, verdict, value
+
+
+def _doubt(question: Question, goal: Goal, gains: Gains, verdict: Verdict) -> str:
+    """What a second integrator and eigenvalues say against the rows, or an empty string."""
+    setting = question.setting
+    for scenario in setting.scenarios:
+        opinion = second_opinion(setting.biped, setting.law, setting.theta_d, gains, scenario, setting.step)
+        if not opinion.finished:
+            return f"In scenario {scenario.name!r} the second integrator does not reach the end."
+        rows = {row.id: row for row in verdict.rows if row.scenario == scenario.name}
+        for id, force in (("toe-force", opinion.F_T), ("heel-force", opinion.F_H)):
+            value, scale = rows[id].value, setting.biped.weight
+            lowest = float(force.min())
+            if value is None or abs(lowest - value) > 1e-5 * scale:
+                return (
+                    f"{id} in scenario {scenario.name!r}: {value} N with the step of {setting.step:g} s,"
+                    f" {lowest:.8g} N with an adaptive integrator."
+                )
+    slowest = question_decay(question, np.array(gains))
+    claimed = worst(verdict.rows, "decay-rate").value
+    if slowest <= 0 or claimed is None or abs(slowest - claimed) > 1e-3 * question.pace:
+        return f"decay-rate: {claimed} 1/s by the polynomial, {slowest:.8g} 1/s by eigenvalues."
+    return ""
+
+
+def _active(question: Question, goal: Goal, gains: Gains, verdict: Verdict, value: float) -> tuple[Active, ...]:
+    """Bounds and rows that are tight at the optimum."""
+    found = []
+    for name, gain, low, high in zip(("kp", "kd", "kf"), gains, question.lower, question.upper, strict=True):
+        for bound in {float(low), float(high)}:
+            if abs(gain - bound) <= 1e-6 * max(high, 1e-300):
+                found.append(Active(id=name, scenario=None, time_s=None, value=gain, required=bound))
+    scales = {limit.id: limit.scale for limit in question.limits} | {"decay-rate": question.pace}
+    for row in verdict.rows:
+        if row.value is None or row.id not in scales:
+            continue
+        if row.id in objective_rows(goal) and abs(row.value - value) <= 1e-6 * scales[row.id]:
+            found.append(Active(id=row.id, scenario=row.scenario, time_s=row.time_s, value=row.value, required=value))
+        elif row.counts and row.id != goal and row.margin is not None and row.margin <= 1e-6 * scales[row.id]:
+            found.append(
+                Active(
+                    id=row.id, scenario=row.scenario, time_s=row.time_s, value=row.value, required=row.required or 0.0
+                )
+            )
+    return tuple(found)

@@ -1,0 +1,133 @@
+"""Exchange: solve on few samples, add what the answer violates, repeat until nothing at full resolution is violated.
+
+On a coarse grid programs march on the samples themselves. At full resolution they march on a coarse mesh that lands on
+the samples seen, and the difference that this makes is measured at each answer and added to the rows.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from design.solvers.nlp import Ipopt
+from problems.gains.program import Point, pose
+from problems.gains.question import Goal, Grid, Instants
+
+Array = NDArray[np.float64]
+
+VIOLATED = 1e-9
+"""Violation of a sample, in its scale, from which it is added to the program."""
+COARSE_TOLERANCE = 1e-6
+FAR = 0.04
+"""Margin of a sample, in its scale, from which the program may forget it."""
+NEAR = 0.01
+"""Margin of a sample, in its scale, up to which the next program begins with it."""
+ROUNDS = 25
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Local:
+    """A local optimum on a grid: the point, the samples that the program needed, and whether it converged."""
+
+    point: Point
+    instants: Instants
+    converged: bool
+    said: str
+
+
+def exchange(grid: Grid, goal: Goal, start: Point, instants: Instants, deadline: float, *, near: bool = False) -> Local:
+    """Solve on ``instants``, add what the answer violates, and repeat until nothing on ``grid`` is violated."""
+    said = "round limit"
+    tolerance, iterations = (COARSE_TOLERANCE, 120) if grid.exact else (1e-9, 300)
+    shift = None if grid.exact else _first_shift(grid, goal, start, instants)
+    for round_ in range(ROUNDS):
+        program, read = pose(grid, goal, instants, shift)
+        seconds = max(deadline - time.monotonic(), 0.01)
+        solver = Ipopt(program, tolerance=tolerance, seconds=seconds, iterations=iterations)
+        answer = solver.solve(read.start(start), near=near)
+        if near and not answer.solved:
+            answer = solver.solve(read.start(start))
+        point, said = read.point(answer.x), answer.said
+        margins = grid.margins(point.gains, goal, point.v)
+        if margins is None or not answer.solved:
+            return Local(point=point, instants=instants, converged=False, said=said)
+        added = lowest_below(-VIOLATED - 10 * tolerance, margins, instants, reach=2 if grid.exact else 5)
+        settled = grid.exact or _mismatch(margins, instants, answer.g) <= 10 * tolerance
+        if added == instants and settled:
+            return Local(point=point, instants=pruned(margins, instants, NEAR), converged=True, said=said)
+        if time.monotonic() > deadline:
+            said = "time limit"
+            break
+        following = pruned(margins, added) if round_ < ROUNDS // 2 else added  # no going in circles
+        shift = None if grid.exact else _shift(margins, following, instants, answer.g, shift)
+        near = min(float(rows.min()) for rows in margins) > -NEAR
+        instants, start = following, point
+    return Local(point=start, instants=instants, converged=False, said=said)
+
+
+def _first_shift(grid: Grid, goal: Goal, start: Point, instants: Instants) -> Array | None:
+    """What to add to the rows of the first program, measured at the start."""
+    margins = grid.margins(start.gains, goal, start.v)
+    if margins is None:
+        return None
+    program, read = pose(grid, goal, instants)
+    rows = ca.Function("rows", [program.x], [program.g])(read.start(start)).full().ravel()
+    return _shift(margins, instants, instants, rows, None)
+
+
+def _seen(margins: list[Array], instants: Instants) -> Array:
+    """The exact rows at ``instants``, in the order of the program's."""
+    return np.concatenate([rows[:, list(chosen)].T.ravel() for rows, chosen in zip(margins, instants, strict=True)])
+
+
+def _mismatch(margins: list[Array], instants: Instants, g: Array) -> float:
+    """How far the rows of the program are from the exact ones, scaled."""
+    exact = _seen(margins, instants)
+    return float(np.abs(exact - g[: exact.size]).max(initial=0.0))
+
+
+def _shift(margins: list[Array], following: Instants, instants: Instants, g: Array, shift: Array | None) -> Array:
+    """What to add to the sampled rows of the next program: exact row minus marched row, where the last one saw it."""
+    exact = _seen(margins, instants)
+    difference = exact - g[: exact.size] + (0.0 if shift is None else shift)
+    parts, at = [], 0
+    for rows, chosen, coming in zip(margins, instants, following, strict=True):
+        known = np.zeros(rows.shape)
+        size = rows.shape[0] * len(chosen)
+        known[:, list(chosen)] = difference[at : at + size].reshape(len(chosen), rows.shape[0]).T
+        parts.append(known[:, list(coming)].T.ravel())
+        at += size
+    return np.concatenate(parts)
+
+
+def pruned(margins: list[Array], instants: Instants, far: float = FAR) -> Instants:
+    """``instants`` without those that are far from binding; should they bind later, they come back."""
+    return tuple(
+        tuple(k for k in chosen if rows[:, k].min() < far) for rows, chosen in zip(margins, instants, strict=True)
+    )
+
+
+def lowest_below(level: float, margins: list[Array], instants: Instants, *, most: int = 8, reach: int = 5) -> Instants:
+    """``instants``, and the local minima below ``level`` of each row with some of their neighbours.
+
+    The lowest sample moves as the gains do: neighbours at distances of 1, 2, 4 ... save rounds.
+    """
+    near = [0, *(sign * 2**j for j in range(reach) for sign in (-1, 1))]
+    found = []
+    for rows, chosen in zip(margins, instants, strict=True):
+        wanted = set(chosen)
+        for row in rows:
+            padded = np.concatenate([[np.inf], row, [np.inf]])
+            low = np.flatnonzero((row <= padded[:-2]) & (row <= padded[2:]) & (row < level))
+            wanted.update(int(k) + d for k in low[np.argsort(row[low])][:most] for d in near if 0 <= k + d < len(row))
+        found.append(tuple(sorted(wanted)))
+    return tuple(found)
+
+
+def union(one: Instants, other: Instants) -> Instants:
+    """The samples of both."""
+    return tuple(tuple(sorted({*a, *b})) for a, b in zip(one, other, strict=True))

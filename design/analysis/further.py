@@ -22,6 +22,7 @@ from design.model.environment import Scenario
 from design.model.laws import Gains
 from design.model.limits import Required
 from design.model.margins import LoopMargins, longest_period, loop_margins
+from design.model.stability import bearing
 from design.spec.setting import Setting
 
 MARGINS: tuple[tuple[str, str, str, Callable[[LoopMargins], float]], ...] = (
@@ -73,7 +74,7 @@ def loop_rows(setting: Setting, loop: ClosedLoop, gains: Gains) -> list[Row]:
     places: dict[tuple[float, float], str] = {}
     for scenario in setting.scenarios:
         A, load = scenario.operating_points(biped)
-        for pair in zip(np.round(A, 9).tolist(), np.round(load, 9).tolist(), strict=True):
+        for pair in zip(np.round(A, 9).tolist(), np.round(bearing(load), 9).tolist(), strict=True):
             places.setdefault(pair if kind == "cop" else (pair[0], biped.weight), scenario.name)
     environments = _spread(sorted(places))
     rows = []

@@ -23,7 +23,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SecondOpinion:
-    """Toe and heel force and torque (n,) at sample times ``t`` (n,) [N, N m, s]; ``finished`` False after a blow-up."""
+    """Toe and heel force and torque (n,) at sample times ``t`` (n,) [N, N m, s].
+
+    ``finished`` is False if the integrator failed, crawled, or the state blew up: the samples from that piece of the
+    scenario on are NaN.
+    """
 
     t: Array
     theta: Array
@@ -31,6 +35,14 @@ class SecondOpinion:
     F_T: Array
     F_H: Array
     finished: bool
+
+
+EVALUATIONS = 300_000
+"""Evaluations of the right-hand side after which the integrator counts as crawling, as it does where load vanishes."""
+
+
+class _TooManySteps(Exception):
+    """The evaluations are used up."""
 
 
 def load_integrator() -> Any:
@@ -49,6 +61,7 @@ def second_opinion(
     z = np.full((3, len(samples.t)), np.nan)
     state = np.array([scenario.theta0, scenario.omega0, 0.0])
     finished = True
+    budget = EVALUATIONS
     for start, end in scenario.pieces():
         ends = scenario.signal_on((start, end), np.array([start, end]))
         first, growth = ends[:, :1], (ends[:, 1:] - ends[:, :1]) / (end - start)
@@ -56,20 +69,26 @@ def second_opinion(
         def slope_of(
             t: float, z: Array, start: float = start, first: Array = first, growth: Array = growth
         ) -> list[float]:
+            nonlocal budget
+            budget -= 1
+            if budget < 0:
+                raise _TooManySteps
             F_x, F_y = scenario.to_force(first + (t - start) * growth)[:, 0]
             return _rate(biped, kind, theta_d, gains, z, float(F_x), float(F_y))
 
-        inside = (samples.t >= start) & (samples.t <= end)
+        inside = np.flatnonzero((samples.t >= start) & (samples.t <= end))
         times = np.unique(samples.t[inside])
-        run = solve_ivp(
-            slope_of, (start, end), state, method="DOP853", rtol=1e-10, atol=1e-12, t_eval=times, events=_blow_up
-        )
-        z[:, np.flatnonzero(inside)[: 0 if not run.success else None]] = (
-            run.y[:, np.searchsorted(run.t, samples.t[inside]).clip(max=len(run.t) - 1)] if len(run.t) else np.nan
-        )
+        try:
+            run = solve_ivp(
+                slope_of, (start, end), state, method="DOP853", rtol=1e-10, atol=1e-12, t_eval=times, events=_blow_up
+            )
+        except _TooManySteps:
+            finished = False
+            break
         if not run.success or run.status == 1:
             finished = False
             break
+        z[:, inside] = run.y[:, np.searchsorted(run.t, samples.t[inside])]
         state = run.y[:, -1]
     tau, F_T, F_H = _reactions(biped, kind, theta_d, gains, z, samples.force)
     return SecondOpinion(t=samples.t, theta=z[0], tau=tau, F_T=F_T, F_H=F_H, finished=finished)

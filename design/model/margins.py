@@ -182,10 +182,10 @@ def sampled_matrix(biped: Biped, kind: LawKind, K: Gains, A: float, load: float,
 
     The law reads the states at the beginning of the period; its integral goes on by itself, as a force plate's does.
     """
-    Omega = math.sqrt(A * biped.L / biped.I)
+    Omega = math.sqrt(max(A * biped.L / biped.I, 1e-12))
     c, sh = math.cosh(Omega * period), math.sinh(Omega * period)
     free = np.array([[c, sh / Omega], [Omega * sh, c]])
-    push = np.array([(c - 1.0) / (A * biped.L), sh / (Omega * biped.I)])
+    push = np.array([(c - 1.0) / (Omega**2 * biped.I), sh / (Omega * biped.I)])
     if kind == "pd":
         return np.asarray(free + np.outer(push, [-K.K_p, -K.K_d]))
     K_f = effective_gain(biped, kind, K.K_f, load)

@@ -92,6 +92,11 @@ def closed_loop_matrix(biped: Biped, kind: LawKind, K: Gains, A: float, load: fl
     return np.array([[0.0, 1.0, 0.0], torque / I + np.array([A * biped.L / I, 0.0, 0.0]), gather * torque])
 
 
+def bearing(load: Array) -> Array:
+    """``load`` with what is not positive put just above 0, where law (20), which divides by it, gains without bound."""
+    return np.asarray(np.maximum(load, 1e-6 * np.abs(load).max()))
+
+
 def deciding_points(kind: LawKind, A: Array, load: Array) -> tuple[Array, Array]:
     """Of the environments (A, load), those that decide linear stability over all of them.
 
@@ -100,7 +105,7 @@ def deciding_points(kind: LawKind, A: Array, load: Array) -> tuple[Array, Array]
     if kind != "cop":
         ends: Array = np.unique(np.array([A.min(), A.max()], dtype=np.float64))
         return ends, np.full(len(ends), float(load[0]))
-    pairs = sorted(set(zip(np.round(A, 9).tolist(), np.round(load, 9).tolist(), strict=True)))
+    pairs = sorted(set(zip(np.round(A, 9).tolist(), np.round(bearing(load), 9).tolist(), strict=True)))
     return np.array([a for a, _ in pairs]), np.array([n for _, n in pairs])
 
 
@@ -124,7 +129,7 @@ def routh_hurwitz(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) -> dic
 
 
 def normalised_slacks(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) -> tuple[Any, ...]:
-    """(27)-(29) without units, each below 1 and > 0 where it holds; the smallest is the ``routh-margin``.
+    """(27)-(29) without units, each > 0 where it holds; the smallest, always below 1, is the ``routh-margin``.
 
     With kappa = A L/K_p and r = K_f I/(ell K_d): 1 - kappa (27); 1 - r and r (28); 1 - r - kappa (29) divided by
     K_p K_d ell. For law pd 1 - kappa alone.

@@ -433,9 +433,9 @@ def test_a_number_out_of_range_is_answered_with_the_range_and_the_unit(path, bad
         assert allowed in message
 
 
-@pytest.mark.parametrize("key", RequirementsTable.model_fields)
-def test_a_requirement_written_as_a_number_is_named_by_the_key_that_was_written(key):
-    for value in (-1.0, math.nan, "20"):
+@pytest.mark.parametrize("value", [-1.0, math.nan, "20"])
+def test_a_requirement_written_as_a_number_is_named_by_the_key_that_was_written(value):
+    for key in RequirementsTable.model_fields:
         assert refusal(text_with(("requirements", key), value)).startswith(f"mine.toml: requirements.{key}: ")
 
 
@@ -616,7 +616,7 @@ VALUES = st.recursive(
 
 
 @given(path=st.sampled_from(NODES), value=VALUES)
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=250, deadline=None)
 def test_any_value_in_any_place_is_accepted_or_refused_in_one_line(path, value):
     text = text_with(path, value)
     try:

@@ -27,6 +27,8 @@ from problems.gains.starts import CANDIDATES, from_start, survey
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
 
+PATIENCE = 4
+"""Where only one start reached the best value, more are tried, up to so many times as many."""
 MISSES = 3
 """Nearest misses, from so many starts without a feasible point, after which the search ends."""
 
@@ -44,14 +46,18 @@ def solve(setting: Setting, *, starts: int | None = None, seconds: float = 600.0
     say(f"surveying {CANDIDATES} gains")
     points, merit = survey(coarse, goal)
     count = starts or setting.starts
-    chosen = best_apart(points, merit, count, question.lower, question.upper)
+    most = count if starts else PATIENCE * count
+    chosen = best_apart(points, merit, most, question.lower, question.upper)
     merits = {tuple(K): m for K, m in zip(points, merit, strict=True)}
     optima: list[Local] = []
     misses: list[Local] = []
     instants = coarse.thinned()
-    for index, K in enumerate(chosen):
+    tried = 0
+    while tried < min(count, len(chosen)) or (optima and tried < len(chosen) and _reached(optima) < 2):
         if time.monotonic() > deadline:
-            return Answer(outcome=Outcome(status=Status.TIME_LIMIT, detail=f"{index} of {count} starts were tried."))
+            return Answer(outcome=Outcome(status=Status.TIME_LIMIT, detail=f"{tried} starts were tried."), starts=tried)
+        K = chosen[tried]
+        tried += 1
         found, optimal = from_start(coarse, goal, K, merits[tuple(K)], instants, deadline)
         instants = union(instants, found.instants)
         if optimal:
@@ -59,12 +65,18 @@ def solve(setting: Setting, *, starts: int | None = None, seconds: float = 600.0
         elif found.converged:
             misses.append(found)
         best = max((f.point.v for f in optima), default=None)
-        say(f"start {index + 1} of {len(chosen)}: best {_shown(question, goal, best)}")
+        say(f"start {tried}: best {_shown(question, goal, best)}")
         if not optima and len(misses) == MISSES:
             break
     if not optima:
-        return _nothing(question, coarse, chosen, instants, deadline, misses)
-    return _finish(question, goal, optima, len(chosen), deadline, say)
+        return _nothing(question, coarse, chosen[:tried], instants, deadline, misses)
+    return _finish(question, goal, optima, tried, deadline, say)
+
+
+def _reached(optima: list[Local]) -> int:
+    """How many starts came to the best value."""
+    best = max(found.point.v for found in optima)
+    return sum(found.point.v >= best - 1e-4 * (abs(best) + 1e-3) for found in optima)
 
 
 def _shown(question: Question, goal: Goal, v: float | None) -> str:
@@ -75,8 +87,6 @@ def _finish(question: Question, goal: Goal, optima: list[Local], tried: int, dea
     """Carry the best optima to full resolution, and check the winner by other means."""
     optima = sorted(optima, key=lambda found: -found.point.v)
     best = optima[0].point
-    same = 1e-4 * (abs(best.v) + 1e-3)
-    reached = sum(found.point.v >= best.v - same for found in optima)
     distinct = [optima[0]]
     for found in optima[1:]:
         if all(_apart(question, found.point, other.point) for other in distinct):
@@ -96,7 +106,7 @@ def _finish(question: Question, goal: Goal, optima: list[Local], tried: int, dea
         return Answer(outcome=Outcome(status=status, detail=f"IPOPT: {polished[0].said}."), starts=tried)
     winner = max(done, key=lambda found: found.point.v)
     say("checking")
-    return checked(question, goal, winner, tried, reached, len(distinct))
+    return checked(question, goal, winner, tried, _reached(optima), len(distinct))
 
 
 def _apart(question: Question, one: Point, other: Point) -> bool:

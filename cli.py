@@ -7,6 +7,7 @@ needed, so that ``--help`` is quick.
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Callable
@@ -94,7 +95,7 @@ def specs() -> None:
 
     for name in builtin_names():
         spec = parse(builtin_text(name), origin=name).spec
-        out(f"{name:<14} {', '.join(s.name for s in spec.scenarios):<14} {spec.source}")
+        out(f"{name:<14} {', '.join(s.name for s in spec.scenarios):<14} {spec.source}\n")
 
 
 @app.command()
@@ -102,7 +103,7 @@ def init(name: Annotated[str, typer.Argument(metavar="NAME", help="A built-in sp
     """Print a built-in spec, commented, to begin one's own: poise init slope > mine.toml."""
     from design.spec.load import builtin_text
 
-    sys.stdout.write(builtin_text(name))
+    out(builtin_text(name))
 
 
 @app.command()
@@ -111,7 +112,7 @@ def schema() -> None:
     from design.present.store import dumps
     from design.spec.schema import json_schema
 
-    sys.stdout.write(dumps(json_schema()))
+    out(dumps(json_schema()))
 
 
 @app.command()
@@ -137,6 +138,7 @@ def simulate(
     picture = plots.format_of(plot) if plot else None
     if animate:
         plots.gif_only(animate)
+    store.check_writable(plot, animate, output)
     chosen = problem.scenarios if scenario is None else (problem.scenario(scenario),)
     its = problem.given_gains()
     loop = closed_loop(problem.biped, problem.law, problem.theta_d)
@@ -244,7 +246,7 @@ def explain(row: Annotated[str, typer.Argument(metavar="ROW", help="A row's id, 
     """Explain a row of the report: what it says, why it matters, its formula, how to improve it."""
     from design.present.explain import explain as page
 
-    out(page(row))
+    out(page(row) + "\n")
 
 
 def _report(
@@ -266,13 +268,13 @@ def _read(reference: str, law: LawName | None, gains: str | None, strict: bool) 
     """The spec or design at ``reference`` in SI units, under the law and gains of the command line."""
     from design.errors import BadInput
     from design.present.store import read_design
-    from design.spec.load import load, parse, read_text
+    from design.spec.load import decode, load, parse, read_bytes
     from design.spec.setting import setting
 
     own: Gains | None = None
     kind: str | None = None
     if reference.endswith(".json"):
-        text, own, kind = read_design(read_text(reference), reference)
+        text, own, kind = read_design(decode(read_bytes(reference), reference), reference)
         source = parse(text, origin=reference)
     else:
         source = load(reference)
@@ -304,8 +306,13 @@ def _gains(text: str | None) -> Gains | None:
 
 
 def out(text: str) -> None:
-    """A line of the result."""
-    sys.stdout.write(text + "\n")
+    """A part of the result, to standard output; who reads it may have seen enough."""
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit(MET) from None
 
 
 def note(text: str) -> None:
@@ -344,7 +351,7 @@ def _deliver(result: str, output: str | None) -> None:
     if output:
         write(output, result)
     else:
-        sys.stdout.write(result)
+        out(result)
 
 
 def _shadow() -> str | None:
@@ -371,24 +378,32 @@ def main() -> None:
         sys.exit(BAD)
     from design.errors import PoiseError
 
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
-        app()
+        code = app(standalone_mode=False, prog_name="poise")
+        sys.stdout.flush()
     except PoiseError as error:
         if debug:
             raise
         note(f"poise: {error}")
-        sys.exit(BAD)
-    except KeyboardInterrupt:
+        code = BAD
+    except (KeyboardInterrupt, typer.Abort):
         note("poise: interrupted")
-        sys.exit(INTERRUPTED)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(MET)
+        code = INTERRUPTED
     except Exception as error:
-        if debug:
+        show = getattr(error, "show", None)
+        if show is not None:  # wrong usage, in the words of the command line's library
+            show()
+            code = BAD
+        elif debug:
             raise
-        note(f"poise: internal error: {type(error).__name__}: {' '.join(str(error).split())[:200]}; rerun with --debug")
-        sys.exit(BAD)
+        else:
+            said = " ".join(str(error).split())[:200]
+            note(f"poise: internal error: {type(error).__name__}: {said}; rerun with --debug")
+            code = BAD
+    sys.exit(code if isinstance(code, int) else MET)
 
 
 if __name__ == "__main__":

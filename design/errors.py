@@ -27,7 +27,8 @@ class BadInput(PoiseError):
         self.message, self.file, self.key, self.others = message, file, key, others
         where = ": ".join(part for part in (file, key) if part)
         more = f" (and {others} more problem{'s' * (others > 1)} in this file)" if others else ""
-        super().__init__(" ".join(f"{where}: {message}{more}".removeprefix(": ").split()))
+        line = " ".join(f"{where}: {message}{more}".removeprefix(": ").split())
+        super().__init__("".join(c if c.isprintable() else repr(c)[1:-1] for c in line))
 
 
 class Unsolved(PoiseError):

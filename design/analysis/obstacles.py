@@ -8,6 +8,7 @@ p_0 >= sigma³; each p_i of (25) is largest at a corner of the gain bounds. (29)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -61,52 +62,73 @@ def _foot(setting: Setting) -> Iterator[Obstacle]:
 
 
 def _load(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
-    """F_T + F_H is the load; at theta = 0 and omega = 0, and in the final stationary posture, no gain changes it."""
-    level = _level(setting, "contact-force")
-    ends = {"at the end": float(setting.biped.weight - scenario.steps(scenario.duration).force[1, -1])}
+    """F_T + F_H is the load; where no gain changes it, half of it must reach the level.
+
+    At theta = 0 and omega = 0 f_y does not depend on the torque. Later, while the force rests at its last value for a
+    time T, the height y = L cos(theta) must be accelerated by at least a = (2 level - load at rest)/M; if a > 0, no y
+    within [-L, L] can do so for longer than T = 4 sqrt(L/a).
+    """
+    level, biped = _level(setting, "contact-force"), setting.biped
+    found = []
     if scenario.theta0 == 0.0 and scenario.omega0 == 0.0:
         first = scenario.force_on(scenario.pieces()[0], np.array([0.0]))
-        ends["at t = 0"] = float(setting.biped.weight - first[1, 0])
-    for when, total in ends.items():
-        if 0.5 * total < level or total <= 0:
-            reason = (
-                "gravity no longer presses the foot on the ground; lower the slope or the lifting force"
-                if total <= 0
-                else "toe and heel share the load, so the smaller has at most half; lower contact_force_n"
-            )
-            yield Obstacle(
-                id="contact-force", scenario=scenario.name, value=0.5 * total, required=level, unit="N",
-                why=f"{when}, {reason}",
-            )  # fmt: skip
-            return
+        total = float(biped.weight - first[1, 0])
+        if 0.5 * total < level:
+            found.append(("at t = 0", total))
+    last = scenario.pieces()[-1]
+    if not np.ptp(scenario.signal_on(last, np.array(last)), axis=1).any():
+        total = float(biped.weight - scenario.force_on(last, np.array(last))[1, -1])
+        upward = (2 * level - total) / biped.M
+        if upward * (last[1] - last[0]) ** 2 > 16 * biped.L:
+            found.append(("at rest in the end", total))
+    for when, total in found[:1]:
+        reason = (
+            "gravity no longer presses the foot on the ground; lower the slope or the lifting force"
+            if total <= 0
+            else "toe and heel share the load, so the smaller has at most half; lower contact_force_n"
+        )
+        yield Obstacle(
+            id="contact-force", scenario=scenario.name, value=0.5 * total, required=level, unit="N",
+            why=f"{when}, {reason}",
+        )  # fmt: skip
 
 
 def _capture(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
     """From rest under a force that is constant from t = 0, when the weight's line misses the foot.
 
-    With e = theta - theta_f on the side of theta, and the load at most that at rest, the body is accelerated away
-    whatever the ankle does, and the more the farther it has gone.
+    Let e = |theta - theta_f| grow on the side on which theta lies. The load is then at most that at rest, so that
+    I e'' >= d + A L (sin e - sin e_0) with d = A L sin e_0 - ell (load - 2 level) > 0, whatever the ankle does. The
+    chord of the sine gives e - e_0 >= d/k (cosh(w t) - 1), k = A L (1 - sin e_0)/(pi/2 - e_0), w² = k/I, until
+    e = pi/2, and at least that speed for the rest of the way to |theta| = pi/2. The biped has fallen by then; it is
+    infeasible if the scenario is watched so long.
     """
     if len(scenario.breakpoints) or np.ptp(scenario.signal, axis=1).any():
         return
     biped, level = setting.biped, _level(setting, "contact-force")
     F_x, F_y = scenario.force_on((0.0, scenario.duration), np.array([0.0]))[:, 0]
-    theta_f = float(np.arctan2(-F_x, biped.M * biped.g - F_y))
-    A = float(np.hypot(biped.M * biped.g - F_y, F_x))
+    theta_f = math.atan2(-F_x, biped.M * biped.g - F_y)
+    AL = math.hypot(biped.M * biped.g - F_y, F_x) * biped.L
     lean = scenario.theta0 - theta_f
-    side = np.sign(lean)
-    needed = A * biped.L * np.sin(abs(lean))
-    available = biped.ell * max(biped.weight - F_y - 2 * level, 0.0)
-    away = side * scenario.theta0 >= 0 and side * scenario.omega0 >= 0
-    if away and abs(lean) < 0.5 * np.pi and needed > available:
-        reach = float(np.degrees(np.arcsin(min(available / (A * biped.L), 1.0))))
-        yield Obstacle(
-            id="step-slope", scenario=scenario.name, value=reach, required=float(np.degrees(abs(lean))), unit="deg",
-            why=(
-                f"the resultant force passes {biped.L * np.sin(abs(lean)):.4g} m from the ankle and the foot"
-                f" holds {available / A:.4g} m (capturability: no ankle controller can keep contact)"
-            ),
-        )  # fmt: skip
+    side, e_0 = math.copysign(1.0, lean), abs(lean)
+    away = side * scenario.theta0 >= 0 and side * scenario.omega0 >= 0 and side * theta_f <= 0
+    d = AL * math.sin(e_0) - biped.ell * max(biped.weight - F_y - 2 * level, 0.0)
+    if not away or e_0 + abs(theta_f) >= 0.5 * math.pi or d <= 0:
+        return
+    k = AL * (1 - math.sin(e_0)) / (0.5 * math.pi - e_0)
+    w = math.sqrt(k / biped.I)
+    reached = math.acosh(1 + k / d * (0.5 * math.pi - e_0)) / w
+    speed = d / k * w * math.sinh(w * reached)
+    if reached + abs(theta_f) / speed > scenario.duration:
+        return
+    held = biped.ell * max(biped.weight - F_y - 2 * level, 0.0)
+    yield Obstacle(
+        id="step-slope", scenario=scenario.name, value=math.degrees(math.asin(min(held / AL, 1.0))),
+        required=math.degrees(e_0), unit="deg",
+        why=(
+            f"the resultant force passes {biped.L * math.sin(e_0):.4g} m from the ankle and the foot holds"
+            f" {held / AL * biped.L:.4g} m (capturability: no ankle controller can keep contact)"
+        ),
+    )  # fmt: skip
 
 
 def _poles(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:

@@ -31,6 +31,10 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-6
 """Relative width of the bracket of the norm."""
+SPANS = 40
+"""Stretches of five slowest time constants after which the impulse response is given up."""
+TURNS = 1_000
+"""Sign changes of h beyond which the loop is not followed."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,6 +60,9 @@ def peak_gain(biped: Biped, kind: LawKind, K: Gains, tolerance: float = TOLERANC
         message = "under law pd the CoP stays displaced on every slope; no slope rate is small enough"
         raise ValueError(message)
     A, B, C = _response(biped, kind, K)
+    if not (np.isfinite(A).all() and np.isfinite(C).all()):
+        message = "the linear loop is not finite"
+        raise ValueError(message)
     poles = np.linalg.eigvals(A)
     if poles.real.max() >= 0:
         message = "the loop is not stable"
@@ -77,7 +84,7 @@ def peak_gain(biped: Biped, kind: LawKind, K: Gains, tolerance: float = TOLERANC
     total, begin = 0.0, 0.0
     switches: list[float] = []
     last = antiderivative(0.0)
-    while True:
+    for _ in range(SPANS):
         end = begin + span
         edges = [begin, *turns.between(begin, end), end]
         for left, right in pairwise(edges):
@@ -91,7 +98,13 @@ def peak_gain(biped: Biped, kind: LawKind, K: Gains, tolerance: float = TOLERANC
         here = antiderivative(end)
         if tail <= tolerance * (total + abs(here - last)):
             break
+        if len(switches) > TURNS:
+            message = f"the impulse response changes its sign more than {TURNS:,} times before it dies out"
+            raise ValueError(message)
         begin = end
+    else:
+        message = "the impulse response does not die out within reach of the tolerance"
+        raise ValueError(message)
     return PeakGain(
         gain=total + abs(here - last),
         error=tail,
@@ -140,6 +153,9 @@ class _Turns:
         y, slope = self._y, self._dy + self._half * self._y  # of y exp(half t), which oscillates or is hyperbolic
         if self._bend > 1e-14 * self._half**2:
             w = math.sqrt(self._bend)
+            if (end - begin) * w / math.pi > TURNS:
+                message = f"the impulse response turns more than {TURNS:,} times before it dies out"
+                raise ValueError(message)
             first = math.atan2(-y * w, slope) % math.pi / w
             count = np.arange(math.floor((begin - first) * w / math.pi), math.ceil((end - first) * w / math.pi) + 1)
             zeros = first + count * math.pi / w
@@ -168,7 +184,7 @@ def _zero(h: Callable[[float], float], left: float, right: float) -> float | Non
             a = middle
         else:
             b = middle
-        if b - a < 1e-13 * max(b, 1e-12):
+        if b - a < 1e-12 * (right - left):
             break
     return b
 
@@ -184,6 +200,9 @@ def _lyapunov(A: Array) -> Array:
 def _expm(A: Array) -> Array:
     """exp(A) by scaling and squaring a Taylor polynomial."""
     norm = float(np.abs(A).sum(axis=1).max())
+    if not math.isfinite(norm):
+        message = "the linear loop is not finite"
+        raise ValueError(message)
     squarings = max(0, math.ceil(math.log2(max(norm, 1e-300))) + 3)
     part = A / 2.0**squarings
     term = result = np.eye(len(A))

@@ -5,6 +5,7 @@ Hashes are over inputs only. JSON never holds NaN or infinity: what is not finit
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -103,26 +104,52 @@ def _plain(value: Any) -> Any:
 
 
 def write(path: str | Path, content: str | bytes) -> None:
-    """Write ``content`` to ``path`` whole or not at all; raises ``BadInput`` if it cannot be written."""
+    """Write ``content`` to ``path`` whole or not at all; raises ``BadInput`` if it cannot be written.
+
+    A pipe or a device is written through, not replaced.
+    """
+    data = content.encode() if isinstance(content, str) else content
     target = Path(path)
     try:
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+        if target.exists() and not target.is_file() and not target.is_dir():
+            target.write_bytes(data)
+            return
+        _replace(target, data)
     except OSError as error:
-        message = f"cannot be written: {error.strerror}; choose another place with -o"
+        message = f"cannot be written: {error.strerror or error}; choose another place"
         raise BadInput(message, file=str(path)) from None
+
+
+def _replace(target: Path, data: bytes) -> None:
+    target = target.resolve()
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         Path(name).chmod(0o666 & ~_umask())
         Path(name).replace(target)
-    except BaseException as error:
+    except BaseException:
         Path(name).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            message = f"cannot be written: {error.strerror}; choose another place with -o"
-            raise BadInput(message, file=str(path)) from None
         raise
+
+
+def check_writable(*paths: str | None) -> None:
+    """Raise ``BadInput`` for the first of ``paths`` that lies in no folder or is one, before anything is computed."""
+    for path in filter(None, paths):
+        target = Path(path)
+        try:
+            reason = "is a directory" if target.is_dir() else ""
+            if not target.parent.is_dir() or not os.access(target.parent, os.W_OK):
+                reason = "its folder is missing or not writable"
+        except OSError as error:
+            reason = error.strerror or str(error)
+        if reason:
+            message = f"cannot be written: {reason}; choose another place"
+            raise BadInput(message, file=path)
 
 
 def _umask() -> int:
@@ -135,8 +162,8 @@ def read_design(text: str, origin: str) -> tuple[str, Gains, str | None]:
     """Spec text, gains and law of a design file written by ``synthesize``; raises ``BadInput``."""
     try:
         data = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
-        message = f"is not valid JSON: {error}"
+    except (ValueError, RecursionError) as error:
+        message = f"is not valid JSON: {str(error)[:120]}"
         raise BadInput(message, file=origin) from None
     if not isinstance(data, dict) or "gains" not in data or "spec" not in data:
         message = "is not a design file; write one with `poise synthesize SPEC -o design.json`"
@@ -144,16 +171,21 @@ def read_design(text: str, origin: str) -> tuple[str, Gains, str | None]:
     if isinstance(found := data.get("schema_version"), int) and found > FORMAT:
         message = f"is {found}; this Poise reads {FORMAT}; upgrade with `pip install -U poise`"
         raise BadInput(message, file=origin, key="schema_version")
-    gains, spec = data["gains"], data["spec"]
+    gains, spec, law = data["gains"], data["spec"], data.get("law")
     if gains is None:
-        message = f"has no gains: its status is {data.get('status')!r}; synthesize again"
+        message = f"has no gains: its status is {str(data.get('status'))[:40]!r}; synthesize again"
         raise BadInput(message, file=origin, key="gains")
+    if law not in (None, "pd", "force", "cop"):
+        message = f"is {str(law)[:40]!r}; allowed: pd, force, cop"
+        raise BadInput(message, file=origin, key="law")
     try:
-        numbers = [float(gains[key]) for key in ("kp", "kd", "kf")]
+        numbers = [gains[key] for key in ("kp", "kd", "kf")]
         spec_text = spec["text"]
-        if not isinstance(spec_text, str) or not all(math.isfinite(n) and n >= 0 for n in numbers):
+        plain = all(isinstance(n, int | float) and not isinstance(n, bool) and 0 <= n <= 1e9 for n in numbers)
+        if not plain or not isinstance(spec_text, str):
             raise ValueError
+        spec_text.encode()
     except (KeyError, TypeError, ValueError):
-        message = "needs gains.kp, gains.kd, gains.kf (finite, >= 0) and spec.text; synthesize again"
+        message = "needs gains.kp, gains.kd, gains.kf (finite numbers from 0 to 1e9) and spec.text; synthesize again"
         raise BadInput(message, file=origin) from None
-    return spec_text, Gains(*numbers), data.get("law")
+    return spec_text, Gains(*map(float, numbers)), law

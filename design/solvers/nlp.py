@@ -108,6 +108,8 @@ class Ipopt:
         start = np.clip(start, program.x_lower, program.x_upper)
         raw = solver(x0=start, lbx=program.x_lower, ubx=program.x_upper, lbg=program.lower, ubg=program.upper)
         stats = solver.stats()
+        if stats["return_status"] == "User_Requested_Stop":  # CasADi swallows Ctrl-C
+            raise KeyboardInterrupt
         x, g = raw["x"].full().ravel(), raw["g"].full().ravel()
         x_multiplier, multiplier = raw["lam_x"].full().ravel(), raw["lam_g"].full().ravel()
         violation, stationarity = self._residuals(solver, x, x_multiplier, multiplier)

@@ -10,7 +10,9 @@ import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 SCHEMA_VERSION = 1
 """The version of the spec file that this Poise reads."""
@@ -22,7 +24,7 @@ MAX_STEPS = 2_000_000
 def _plain_number(value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         kind = {bool: "a boolean", str: "a string"}.get(type(value), f"a {type(value).__name__}")
-        hint = f"; write {value} without quotes" if isinstance(value, str) and _is_number(value) else ""
+        hint = f"; write {value} without quotes" if isinstance(value, str) and _is_plain(value) else ""
         message = f"is {kind}; needs a number{hint}"
         raise ValueError(message)
     try:
@@ -38,15 +40,19 @@ def _plain_number(value: object) -> float:
     return number
 
 
-def _is_number(text: str) -> bool:
+def _is_plain(text: str) -> bool:
+    """Whether ``text`` would be accepted without its quotes."""
     try:
-        float(text)
+        _plain_number(float(text))
     except ValueError:
         return False
-    return True
+    return len(text) < 20
 
 
 Number = Annotated[float, BeforeValidator(_plain_number)]
+Inertia = Annotated[float, Field(ge=1e-6, le=1e9), BeforeValidator(_plain_number)]
+Gain = Annotated[float, Field(ge=0, le=1e9), BeforeValidator(_plain_number)]
+Bounded = Annotated[float, Field(ge=-1e6, le=1e6), BeforeValidator(_plain_number)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_. -]{0,63}$")]
 
 
@@ -59,15 +65,13 @@ class Table(BaseModel):
 class BodyTable(Table):
     """The body: one rigid link on the ankle."""
 
-    mass_kg: Number = Field(gt=0, le=1000, description="mass M of the body, without the foot [kg]")
+    mass_kg: Number = Field(ge=1e-3, le=1000, description="mass M of the body, without the foot [kg]")
     com_height_m: Number = Field(
-        gt=0, le=1000, description="distance L from the ankle to the body's centre of gravity [m]"
+        ge=1e-4, le=1000, description="distance L from the ankle to the body's centre of gravity [m]"
     )
-    inertia_kgm2: Number | None = Field(
+    inertia_kgm2: Inertia | None = Field(
         default=None,
-        gt=0,
-        le=1e9,
-        description="inertia I of the body about the ankle [kg m²]; left out: 4/3 M L², a uniform rod of length 2 L",
+        description="inertia I about the ankle (left out: 4/3 M L², a uniform rod of length 2 L) [kg m²]",
     )
 
 
@@ -75,14 +79,16 @@ class FootTable(Table):
     """The foot: flat, symmetric, in contact at toe and heel only."""
 
     mass_kg: Number = Field(ge=0, le=100, description="mass m of the foot [kg]")
-    half_length_m: Number = Field(gt=0, le=10, description="distance ℓ from the ankle to the toe, and to the heel [m]")
+    half_length_m: Number = Field(
+        ge=1e-4, le=10, description="distance ℓ from the ankle to the toe, and to the heel [m]"
+    )
 
 
 class ScenarioTable(Table):
     """What every scenario has."""
 
     name: Name = Field(description="name of the scenario, used in results")
-    duration_s: Number = Field(gt=0, le=3600, description="how long it is watched [s]")
+    duration_s: Number = Field(ge=1e-3, le=3600, description="how long it is watched [s]")
     initial_angle_deg: Number = Field(default=0.0, ge=-90, le=90, description="ankle angle θ at t = 0 [deg]")
     initial_rate_deg_per_s: Number = Field(default=0.0, ge=-3600, le=3600, description="its rate at t = 0 [deg/s]")
 
@@ -117,8 +123,8 @@ def _rising(points: list[list[float]]) -> list[list[float]]:
     return points
 
 
-Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Triple = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Pair = Annotated[list[Bounded], Field(min_length=2, max_length=2)]
+Triple = Annotated[list[Bounded], Field(min_length=3, max_length=3)]
 
 
 class PlatformTable(ScenarioTable):
@@ -162,10 +168,14 @@ class LawTable(Table):
     kind: Literal["pd", "force", "cop"] = Field(
         description="pd: K_f = 0; force: law (8); cop: law (20) with K_F = kf (M+m) g / half_length"
     )
-    kp: Number | None = Field(default=None, ge=0, le=1e9, description="gain K_p on the angle [N m/rad]")
-    kd: Number | None = Field(default=None, ge=0, le=1e9, description="gain K_d on the rate [N m s/rad]")
-    kf: Number | None = Field(default=None, ge=0, le=1e9, description="gain K_f on the force integral [m/s]")
+    kp: Gain | None = Field(default=None, description="gain K_p on the angle [N m/rad]")
+    kd: Gain | None = Field(default=None, description="gain K_d on the rate [N m s/rad]")
+    kf: Gain | None = Field(default=None, description="gain K_f on the force integral [m/s]")
     desired_angle_deg: Number = Field(default=0.0, ge=-90, le=90, description="θ_d of (8) [deg]")
+
+
+def _number_or(table: JsonSchemaValue) -> JsonSchemaValue:
+    return {"anyOf": [{"type": "number", "minimum": 0}, table]}
 
 
 def _level_table(value: object, key: str) -> object:
@@ -175,7 +185,7 @@ def _level_table(value: object, key: str) -> object:
 class AtLeast(Table):
     """A requirement from below: a number, or ``{ min = 20.0, soft = true }``."""
 
-    min: Number = Field(ge=0)
+    min: Number = Field(ge=0, description="the level, a number")
     soft: bool = Field(default=False, description="a soft requirement is shown when broken, and fails nothing")
 
     @model_validator(mode="before")
@@ -188,11 +198,16 @@ class AtLeast(Table):
         """The required value, in the unit of its key."""
         return self.min
 
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """A number, or the table."""
+        return _number_or(handler(core))
+
 
 class AtMost(Table):
     """A requirement from above: a number, or ``{ max = 40.0, soft = true }``."""
 
-    max: Number = Field(ge=0)
+    max: Number = Field(ge=0, description="the level, a number")
     soft: bool = Field(default=False, description="a soft requirement is shown when broken, and fails nothing")
 
     @model_validator(mode="before")
@@ -204,6 +219,11 @@ class AtMost(Table):
     def level(self) -> float:
         """The allowed value, in the unit of its key."""
         return self.max
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """A number, or the table."""
+        return _number_or(handler(core))
 
 
 class RequirementsTable(Table):
@@ -244,11 +264,9 @@ class RequirementsTable(Table):
 class BoundsTable(Table):
     """Lower and upper bound of each gain; equal ones fix it."""
 
-    kp: list[Annotated[Number, Field(ge=0, le=1e9)]] = Field(min_length=2, max_length=2, description="[N m/rad]")
-    kd: list[Annotated[Number, Field(ge=0, le=1e9)]] = Field(min_length=2, max_length=2, description="[N m s/rad]")
-    kf: list[Annotated[Number, Field(ge=0, le=1e9)]] = Field(
-        default=[0.0, 0.0], min_length=2, max_length=2, description="[m/s]; left out for law pd"
-    )
+    kp: list[Gain] = Field(min_length=2, max_length=2, description="[N m/rad]")
+    kd: list[Gain] = Field(min_length=2, max_length=2, description="[N m s/rad]")
+    kf: list[Gain] = Field(default=[0.0, 0.0], min_length=2, max_length=2, description="[m/s]; left out for law pd")
 
     @model_validator(mode="after")
     def _ordered(self) -> BoundsTable:
@@ -275,13 +293,13 @@ class SimulationTable(Table):
     """How trajectories are computed."""
 
     time_step_s: Number = Field(default=0.001, gt=0, le=1.0, description="step of the Runge-Kutta method [s]")
-    gravity_mps2: Number = Field(default=9.81, gt=0, le=1000, description="gravitational acceleration g [m/s²]")
+    gravity_mps2: Number = Field(default=9.81, ge=1e-3, le=1000, description="gravitational acceleration g [m/s²]")
 
 
 class Spec(Table):
     """A whole spec file."""
 
-    schema_version: Literal[1] = Field(description="version of this format")
+    schema_version: Literal[1] = Field(description="version of this format: 1")
     name: Name = Field(description="name of the problem, used in results")
     source: str = Field(default="", max_length=2000, description="where its numbers come from")
     body: BodyTable
@@ -313,4 +331,4 @@ class Spec(Table):
 def json_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of the spec file, for editors."""
     schema = Spec.model_json_schema()
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Poise spec file", **schema}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "Poise spec file"}

@@ -51,7 +51,7 @@ def test_the_slope_limit_is_where_infeasibility_is_proved():
     assert math.degrees(limit) == pytest.approx(7.6098, abs=1e-3)
     assert math.degrees(slope_limit(replace(SLOPE.biped, m=0.0))) == pytest.approx(7.5946, abs=1e-3)  # tan = ell/L
     for factor, blocked in ((0.9999, False), (1.0001, True)):
-        step = slope(SLOPE.biped, name="s", angle=factor * limit, ramp=0.0, duration=1.0)
+        step = slope(SLOPE.biped, name="s", angle=factor * limit, ramp=0.0, duration=10.0)
         assert bool(obstacles(replace(SLOPE, scenarios=(step,)))) is blocked
 
 

@@ -22,7 +22,7 @@ DOORS = {
     "matplotlib": {"design/present/plots.py"},
     "clarabel": {"design/solvers/conic.py"},
     "typer": {"cli.py"},
-    "pydantic": {"design/spec/schema.py", "design/spec/load.py"},
+    "pydantic": {"design/spec/schema.py", "design/spec/load.py", "design/spec/faults.py"},
 }
 
 

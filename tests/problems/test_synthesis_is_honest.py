@@ -67,7 +67,7 @@ def test_an_obstacle_is_never_raised_just_inside_the_best_that_is_known():
 
 def test_a_sudden_slope_beyond_capturability_is_infeasible_and_one_within_it_is_not_claimed():
     for degrees, blocked in ((7.7, True), (7.5, False)):
-        step = slope(SLOPE.biped, name="step", angle=np.radians(degrees), ramp=0.0, duration=3.0)
+        step = slope(SLOPE.biped, name="step", angle=np.radians(degrees), ramp=0.0, duration=10.0)
         assert bool(obstacles(replace(SLOPE, scenarios=(step,)))) is blocked
 
 

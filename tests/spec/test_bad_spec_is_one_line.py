@@ -403,12 +403,12 @@ def test_what_is_no_plain_finite_number_is_refused_at_its_key(source, got):
 @pytest.mark.parametrize(
     ("path", "bad", "allowed"),
     [
-        (("body", "mass_kg"), (0, 0.0, -1, -80.0, 1001), "needs > 0 and <= 1000 [kg]"),
-        (("body", "com_height_m"), (0, -0.75, 1001), "needs > 0 and <= 1000 [m]"),
-        (("body", "inertia_kgm2"), (0, -7.0, 1e10), "needs > 0 and <= 1e+09 [kg m²]"),
+        (("body", "mass_kg"), (0, 0.0, -1, -80.0, 1001), "needs >= 0.001 and <= 1000 [kg]"),
+        (("body", "com_height_m"), (0, -0.75, 1001), "needs >= 0.0001 and <= 1000 [m]"),
+        (("body", "inertia_kgm2"), (0, -7.0, 1e10), "needs >= 1e-06 and <= 1e+09 [kg m²]"),
         (("foot", "mass_kg"), (-0.1, 101), "needs >= 0 and <= 100 [kg]"),
-        (("foot", "half_length_m"), (0, -0.1, 11), "needs > 0 and <= 10 [m]"),
-        (("scenarios", 0, "duration_s"), (0, -10, 3601), "needs > 0 and <= 3600 [s]"),
+        (("foot", "half_length_m"), (0, -0.1, 11), "needs >= 0.0001 and <= 10 [m]"),
+        (("scenarios", 0, "duration_s"), (0, -10, 3601), "needs >= 0.001 and <= 3600 [s]"),
         (("scenarios", 0, "ramp_s"), (-5, 3601), "needs >= 0 and <= 3600 [s]"),
         (("scenarios", 0, "angle_deg"), (181, -181), "needs >= -180 and <= 180 [deg]"),
         (("scenarios", 0, "initial_angle_deg"), (91, -91), "needs >= -90 and <= 90 [deg]"),
@@ -422,7 +422,7 @@ def test_what_is_no_plain_finite_number_is_refused_at_its_key(source, got):
         (("synthesis", "starts"), (0, -1, 1001, 10**30), "needs >= 1 and <= 1000"),
         (("synthesis", "bounds", "kp", 0), (-1,), "needs >= 0"),
         (("simulation", "time_step_s"), (0, -0.001, 1.5), "needs > 0 and <= 1 [s]"),
-        (("simulation", "gravity_mps2"), (0, -9.81, 1001), "needs > 0 and <= 1000 [m/s²]"),
+        (("simulation", "gravity_mps2"), (0, -9.81, 1001), "needs >= 0.001 and <= 1000 [m/s²]"),
     ],
     ids=lambda value: dotted(value) if isinstance(value, tuple) and isinstance(value[0], str) else None,
 )

@@ -8,12 +8,9 @@ needed, so that ``--help`` is quick.
 from __future__ import annotations
 
 import io
-import os
 import sys
-from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -39,47 +36,11 @@ app = typer.Typer(
 MET, VIOLATED, BAD, UNDECIDED, INTERRUPTED = 0, 1, 2, 3, 130
 
 
-class LawName(StrEnum):
-    """The control laws."""
-
-    pd = "pd"
-    force = "force"
-    cop = "cop"
-
-
-class ObjectiveName(StrEnum):
-    """What synthesis maximises."""
-
-    decay = "decay-rate"
-    contact = "contact-force"
-    cop = "cop-margin"
-    routh = "routh-margin"
-
-
-class RunFormat(StrEnum):
-    """How a run is printed."""
-
-    text = "text"
-    csv = "csv"
-    json = "json"
-
-
-class Format(StrEnum):
-    """How a result is printed."""
-
-    text = "text"
-    json = "json"
-
-
-class ReportFormat(StrEnum):
-    """How a report is printed."""
-
-    text = "text"
-    json = "json"
-    md = "md"
-    html = "html"
-    junit = "junit"
-
+LawName = Literal["pd", "force", "cop"]
+Goal = Literal["decay-rate", "contact-force", "cop-margin", "routh-margin"]
+RunFormat = Literal["text", "csv", "json"]
+ReportFormat = Literal["text", "json", "md", "html", "junit"]
+ENDINGS: dict[str, ReportFormat] = {".html": "html", ".md": "md", ".json": "json", ".xml": "junit"}
 
 SpecArgument = Annotated[str, typer.Argument(metavar="SPEC", help="TOML file, built-in name, or - for standard input.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Treat implausible numbers as errors.")]
@@ -91,28 +52,31 @@ Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", he
 @app.command()
 def specs() -> None:
     """List the built-in specs."""
+    from design.present import terminal
     from design.spec.load import builtin_names, builtin_text, parse
 
     for name in builtin_names():
         spec = parse(builtin_text(name), origin=name).spec
-        out(f"{name:<14} {', '.join(s.name for s in spec.scenarios):<14} {spec.source}\n")
+        terminal.out(f"{name:<14} {', '.join(s.name for s in spec.scenarios):<14} {spec.source}\n")
 
 
 @app.command()
 def init(name: Annotated[str, typer.Argument(metavar="NAME", help="A built-in spec.")] = "slope") -> None:
     """Print a built-in spec, commented, to begin one's own: poise init slope > mine.toml."""
+    from design.present import terminal
     from design.spec.load import builtin_text
 
-    out(builtin_text(name))
+    terminal.out(builtin_text(name))
 
 
 @app.command()
 def schema() -> None:
     """Print the JSON Schema of spec files, with which an editor completes and checks them."""
+    from design.present import terminal
     from design.present.store import dumps
     from design.spec.schema import json_schema
 
-    out(dumps(json_schema()))
+    terminal.out(dumps(json_schema()))
 
 
 @app.command()
@@ -121,7 +85,7 @@ def simulate(
     scenario: Annotated[str | None, typer.Option("--scenario", metavar="NAME", help="Only this one.")] = None,
     law: LawOption = None,
     gains: GainsOption = None,
-    format: Annotated[RunFormat, typer.Option("--format", help="Form of the output.")] = RunFormat.text,
+    format: Annotated[RunFormat, typer.Option("--format", help="Form of the output.")] = "text",
     plot: Annotated[str | None, typer.Option("--plot", metavar="FILE", help="Draw it: .png, .svg or .pdf.")] = None,
     animate: Annotated[
         str | None, typer.Option("--animate", metavar="FILE.gif", help="Draw the biped moving; one scenario.")
@@ -130,22 +94,27 @@ def simulate(
     strict: Strict = False,
 ) -> None:
     """Run the closed loop through every scenario, or one."""
+    from design.present import terminal
+
     source, problem = _read(spec, law, gains, strict)
     from design.analysis.simulate import simulate as run
+    from design.analysis.verdict import coarse_step
     from design.model.closed_loop import closed_loop
     from design.present import plots, store, text
 
     picture = plots.format_of(plot) if plot else None
     if animate:
-        plots.gif_only(animate)
+        plots.gif_only(animate, scenarios=1 if scenario else len(problem.scenarios))
     store.check_writable(plot, animate, output)
     chosen = problem.scenarios if scenario is None else (problem.scenario(scenario),)
     its = problem.given_gains()
     loop = closed_loop(problem.biped, problem.law, problem.theta_d)
     runs = [run(loop, each, its, problem.step) for each in chosen]
-    if format is RunFormat.csv:
+    for why in filter(None, (coarse_step(loop, each, its, problem.step) for each in chosen)):
+        terminal.note(f"warning: do not trust these numbers: {why}")
+    if format == "csv":
         result = text.csv_text(runs)
-    elif format is RunFormat.json:
+    elif format == "json":
         result = store.dumps(store.document("simulate", source, **store.runs_json(problem.law, its, runs)))
     else:
         head = [f"{source.spec.name}, law {problem.law}, {text.gains_line(its, problem.law)}"]
@@ -157,17 +126,17 @@ def simulate(
         from design.present.animation import gif_bytes
 
         store.write(animate, gif_bytes(problem.biped, runs[0]))
-    _deliver(result, output)
+    terminal.deliver(result, output)
 
 
 @app.command()
 def synthesize(
     spec: SpecArgument,
-    maximise: Annotated[ObjectiveName | None, typer.Option("--maximise", help="Instead of the spec's.")] = None,
+    maximise: Annotated[Goal | None, typer.Option("--maximise", help="Instead of the spec's.")] = None,
     law: LawOption = None,
     starts: Annotated[int | None, typer.Option("--starts", min=1, max=1000, help="Number of starts.")] = None,
     time_limit: Annotated[float, typer.Option("--time-limit", min=0.1, help="Seconds after which to give up.")] = 600.0,
-    format: Annotated[Format, typer.Option("--format", help="Form of the output.")] = Format.text,
+    format: Annotated[Literal["text", "json"], typer.Option("--format", help="Form of the output.")] = "text",
     output: Output = None,
     strict: Strict = False,
 ) -> None:
@@ -175,6 +144,8 @@ def synthesize(
 
     With -o FILE the design is written as JSON, for `poise report FILE`.
     """
+    from design.present import terminal
+
     source, problem = _read(spec, law, None, strict)
     from dataclasses import replace
 
@@ -182,14 +153,14 @@ def synthesize(
     from problems import gains as question
 
     if maximise is not None:
-        problem = replace(problem, maximise=maximise.value)
-    with _progress() as say:
+        problem = replace(problem, maximise=maximise)
+    with terminal.progress() as say:
         answer = question.solve(problem, starts=starts, seconds=time_limit, say=say)
     stored = store.dumps(synthesis.document(source, problem, answer))
-    printed = stored if format is Format.json else synthesis.text(source, problem, answer, text_paint())
+    printed = stored if format == "json" else synthesis.text(source, problem, answer, terminal.painter_for_output())
     if output:
         store.write(output, stored)
-    _deliver(printed, None)
+    terminal.deliver(printed, None)
     word = answer.outcome.status.word
     raise typer.Exit({"solved": MET, "infeasible": VIOLATED}.get(word, UNDECIDED))
 
@@ -200,7 +171,7 @@ def report(
     law: LawOption = None,
     gains: GainsOption = None,
     against: Annotated[str | None, typer.Option("--against", metavar="SPEC|DESIGN", help="Beside another.")] = None,
-    format: Annotated[ReportFormat, typer.Option("--format", help="Form of the output.")] = ReportFormat.text,
+    format: Annotated[ReportFormat, typer.Option("--format", help="Form of the output.")] = "text",
     output: Output = None,
     strict: Strict = False,
 ) -> None:
@@ -210,43 +181,24 @@ def report(
     or .xml the form follows the file's ending.
     """
     from design.present import report as present
-    from design.present import store
+    from design.present import terminal
 
-    if output and format is ReportFormat.text:
-        format = {".html": ReportFormat.html, ".md": ReportFormat.md, ".json": ReportFormat.json,
-                  ".xml": ReportFormat.junit}.get(Path(output).suffix, format)  # fmt: skip
+    if output and format == "text":
+        format = ENDINGS.get(Path(output).suffix, format)
     one = _report(spec, law, gains, strict)
     other = _report(against, None, None, strict, one) if against else None
-    paint = text_paint(to_file=output is not None)
-    if format is ReportFormat.json:
-        result = store.dumps(present.as_json(one, other))
-    elif other is not None:
-        if format is not ReportFormat.text:
-            from design.errors import BadInput
-
-            message = f"is not written as {format.value}; use --format text or json"
-            raise BadInput(message, key="--against")
-        result = present.comparison(one, other, (spec, against or ""), paint)
-    elif format is ReportFormat.md:
-        result = present.as_markdown(one)
-    elif format is ReportFormat.junit:
-        result = present.as_junit(one)
-    elif format is ReportFormat.html:
-        from design.present.html import as_html
-
-        result = as_html(one)
-    else:
-        result = present.as_text(one, paint)
-    _deliver(result, output)
+    paint = terminal.painter_for_output(to_file=output is not None)
+    terminal.deliver(present.render(format, one, other, (spec, against or ""), paint), output)
     raise typer.Exit({"met": MET, "violated": VIOLATED, "undecided": UNDECIDED}[one.verdict.overall])
 
 
 @app.command()
 def explain(row: Annotated[str, typer.Argument(metavar="ROW", help="A row's id, as in the report.")]) -> None:
     """Explain a row of the report: what it says, why it matters, its formula, how to improve it."""
+    from design.present import terminal
     from design.present.explain import explain as page
 
-    out(page(row) + "\n")
+    terminal.out(page(row) + "\n")
 
 
 def _report(
@@ -267,12 +219,13 @@ def _report(
 def _read(reference: str, law: LawName | None, gains: str | None, strict: bool) -> tuple[Source, Setting]:
     """The spec or design at ``reference`` in SI units, under the law and gains of the command line."""
     from design.errors import BadInput
+    from design.present import terminal
     from design.present.store import read_design
     from design.spec.load import decode, load, parse, read_bytes
-    from design.spec.setting import setting
+    from design.spec.setting import parse_gains, setting
 
     own: Gains | None = None
-    kind: str | None = None
+    kind: LawName | None = None
     if reference.endswith(".json"):
         text, own, kind = read_design(decode(read_bytes(reference), reference), reference)
         source = parse(text, origin=reference)
@@ -282,76 +235,9 @@ def _read(reference: str, law: LawName | None, gains: str | None, strict: bool) 
         if strict:
             message = f"{remark} (--strict)"
             raise BadInput(message, file=source.origin)
-        note(f"warning: {source.origin}: {remark}")
-    chosen = law.value if law else kind if kind in ("pd", "force", "cop") else None
-    return source, setting(source.spec).with_law(chosen, _gains(gains) or own)  # type: ignore[arg-type]
-
-
-def _gains(text: str | None) -> Gains | None:
-    if text is None:
-        return None
-    from design.errors import BadInput
-    from design.model.laws import Gains
-
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) == 2:
-        numbers.append(0.0)
-    if len(numbers) != 3 or not all(0 <= number <= 1e9 for number in numbers):
-        message = f"is {text!r}; needs three numbers from 0 to 1e9, as in --gains 3500,1200,1"
-        raise BadInput(message, key="--gains")
-    return Gains(*numbers)
-
-
-def out(text: str) -> None:
-    """A part of the result, to standard output; who reads it may have seen enough."""
-    try:
-        sys.stdout.write(text)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise typer.Exit(MET) from None
-
-
-def note(text: str) -> None:
-    """A line beside the result."""
-    sys.stderr.write(text + "\n")
-
-
-def text_paint(to_file: bool = False) -> Callable[[str, str], str]:
-    """Colours where standard output is a terminal and NO_COLOR is not set."""
-    from design.present.text import painter
-
-    return painter(sys.stdout.isatty() and not to_file and not os.environ.get("NO_COLOR"))
-
-
-class _progress:
-    """One line on standard error that is written over, where that is a terminal."""
-
-    def __enter__(self) -> Callable[[str], None]:
-        self._live = sys.stderr.isatty()
-
-        def say(text: str) -> None:
-            if self._live:
-                sys.stderr.write(f"\r\033[K{text}")
-                sys.stderr.flush()
-
-        return say
-
-    def __exit__(self, *_: object) -> None:
-        if self._live:
-            sys.stderr.write("\r\033[K")
-
-
-def _deliver(result: str, output: str | None) -> None:
-    from design.present.store import write
-
-    if output:
-        write(output, result)
-    else:
-        out(result)
+        terminal.note(f"warning: {source.origin}: {remark}")
+    problem = setting(source.spec).with_law(law or kind)
+    return source, problem.with_law(None, parse_gains(gains, problem.law) if gains is not None else own)
 
 
 def _shadow() -> str | None:
@@ -374,9 +260,11 @@ def main() -> None:
         sys.argv.remove("--debug")
     shadow = _shadow()
     if shadow:
-        note(f"poise: {shadow} is imported in place of Poise's own module of that name; move it, or unset PYTHONPATH")
+        said = "is imported in place of Poise's own module of that name; move it, or unset PYTHONPATH"
+        sys.stderr.write(f"poise: {shadow} {said}\n")
         sys.exit(BAD)
     from design.errors import PoiseError
+    from design.present import terminal
 
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -387,10 +275,10 @@ def main() -> None:
     except PoiseError as error:
         if debug:
             raise
-        note(f"poise: {error}")
+        terminal.note(f"poise: {error}")
         code = BAD
     except (KeyboardInterrupt, typer.Abort):
-        note("poise: interrupted")
+        terminal.note("poise: interrupted")
         code = INTERRUPTED
     except Exception as error:
         show = getattr(error, "show", None)
@@ -401,7 +289,7 @@ def main() -> None:
             raise
         else:
             said = " ".join(str(error).split())[:200]
-            note(f"poise: internal error: {type(error).__name__}: {said}; rerun with --debug")
+            terminal.note(f"poise: internal error: {type(error).__name__}: {said}; rerun with --debug")
             code = BAD
     sys.exit(code if isinstance(code, int) else MET)
 

@@ -77,6 +77,7 @@ def loop_rows(setting: Setting, loop: ClosedLoop, gains: Gains) -> list[Row]:
         for pair in zip(np.round(A, 9).tolist(), np.round(bearing(load), 9).tolist(), strict=True):
             places.setdefault(pair if kind == "cop" else (pair[0], biped.weight), scenario.name)
     environments = _spread(sorted(places))
+    basis = "exact" if len(places) == 1 else "sampled"  # between the environments looked at nothing is known
     rows = []
     try:
         found = [(loop_margins(biped, kind, gains, A, load), places[A, load]) for A, load in environments]
@@ -93,18 +94,18 @@ def loop_rows(setting: Setting, loop: ClosedLoop, gains: Gains) -> list[Row]:
             pick = min if sense == "at least" else max
             value, where = pick(((read(m), name) for m, name in found), key=lambda pair: pair[0])
             rows.append(
-                _row(setting, id=row, equation="(24)", scenario=where, unit=unit, value=value, basis="exact",
+                _row(setting, id=row, equation="(24)", scenario=where, unit=unit, value=value, basis=basis,
                      sense=sense, note="" if math.isfinite(value) else "without limit")
             )  # fmt: skip
         period, where = min(periods)
         rows.append(
-            _row(setting, id="sample-time", equation="(23)", scenario=where, unit="s", value=period, basis="exact",
+            _row(setting, id="sample-time", equation="(23)", scenario=where, unit="s", value=period, basis=basis,
                  sense="at least")
         )  # fmt: skip
     return [*rows, _slope_rate(setting, gains)]
 
 
-def _spread(places: list[tuple[float, float]], most: int = 9) -> list[tuple[float, float]]:
+def _spread(places: list[tuple[float, float]], most: int = 80) -> list[tuple[float, float]]:
     """At most ``most`` environments, evenly through the sorted ones, with both ends."""
     chosen = sorted({int(k) for k in np.linspace(0, len(places) - 1, most)})
     return [places[k] for k in chosen]
@@ -152,7 +153,7 @@ def survival_rows(setting: Setting, loop: ClosedLoop, gains: Gains, distrust: st
 
 
 def _share(found: Survival) -> str:
-    return f"{100 * found.share:.1f} % of the {found.limit:.4g} N s that any ankle controller can survive"
+    return f"{100 * found.share:.1f} % of the {found.limit:.4g} N s that linear capturability allows"
 
 
 def _row(

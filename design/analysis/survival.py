@@ -7,7 +7,8 @@ smaller ones are survived too.
 
 Physical limits. *Slope*: from rest no ankle torque holds a body whose weight's line misses the foot: with the foot's
 own weight, M L sin(alpha) <= ell (M cos(alpha) + m); tan(alpha) = ell/L where m is small. *Push*: capturability (Hof,
-Gazendam and Sinke 2005; Koolen et al. 2012), |omega|/Omega <= ell (M + m) g/(A L) with Omega² = A L/I and A = M g.
+Gazendam and Sinke 2005; Koolen et al. 2012), |omega|/Omega <= ell (M + m) g/(A L) with Omega² = A L/I and A = M g;
+of the linear model, true to some per cent.
 """
 
 from __future__ import annotations

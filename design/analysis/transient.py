@@ -49,8 +49,11 @@ def transient(loop: ClosedLoop, scenario: Scenario, run: Trajectory) -> Transien
     else:
         settled_at = float(run.t[outside[-1] + 1]) if len(outside) else corner
         settling = settled_at - corner
-    side = math.copysign(1.0, away[after[0]]) if len(after) else 1.0
-    past = -side * away[after] if len(after) else np.zeros(1)
+    past = np.zeros(1)
+    if len(after):
+        first = float(away[after[0]])
+        at_rest = abs(first) <= 1e-9 + 1e-6 * float(np.abs(away).max())  # it starts there: either side is past it
+        past = np.abs(away[after]) if at_rest else -math.copysign(1.0, first) * away[after]
     at = int(np.argmax(past))
     return Transient(
         settling=settling,

@@ -49,8 +49,11 @@ def format_of(path: str) -> str:
     return kind
 
 
-def gif_only(path: str) -> None:
-    """Raise ``BadInput`` unless ``path`` ends in .gif."""
+def gif_only(path: str, scenarios: int) -> None:
+    """Raise ``BadInput`` unless ``path`` ends in .gif and there is one scenario to draw."""
+    if scenarios > 1:
+        message = f"draws one scenario, and the spec has {scenarios}; choose one with --scenario"
+        raise BadInput(message, key="--animate")
     if Path(path).suffix.lower() != ".gif":
         message = f"ends in {Path(path).suffix or 'nothing'}; an animation is written as .gif"
         raise BadInput(message, file=path)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from design.analysis.rows import Row, RowStatus, Verdict
+from design.errors import BadInput
 from design.model.laws import Gains
 from design.present import store
 from design.present.text import Paint, gains_line, number, ranked, report_table, short, table, word
@@ -158,6 +159,22 @@ def comparison(one: Report, other: Report, names: tuple[str, str], paint: Paint)
         f"               B {verdicts[1]} ({other.counted})",
     ]
     return "\n".join(lines) + "\n"
+
+
+def render(form: str, one: Report, other: Report | None, names: tuple[str, str], paint: Paint) -> str:
+    """The report in a ``form``: text, json, md, html or junit; raises ``BadInput`` for one that cannot compare."""
+    if form == "json":
+        return store.dumps(as_json(one, other))
+    if other is not None:
+        if form != "text":
+            message = f"is not written as {form}; use --format text or json"
+            raise BadInput(message, key="--against")
+        return comparison(one, other, names, paint)
+    if form == "html":
+        from design.present.html import as_html
+
+        return as_html(one)
+    return {"md": as_markdown, "junit": as_junit}[form](one) if form != "text" else as_text(one, paint)
 
 
 LESS_IS_BETTER = {"torque", "torque-rate", "friction", "settling", "overshoot", "posture-error", "gain-margin-down"}

@@ -23,7 +23,7 @@ from design import __version__
 from design.analysis.rows import Row
 from design.analysis.simulate import Trajectory
 from design.errors import BadInput
-from design.model.laws import Gains
+from design.model.laws import Gains, LawKind
 from design.present.text import columns
 from design.spec.load import Source
 
@@ -158,7 +158,7 @@ def _umask() -> int:
     return mask
 
 
-def read_design(text: str, origin: str) -> tuple[str, Gains, str | None]:
+def read_design(text: str, origin: str) -> tuple[str, Gains, LawKind | None]:
     """Spec text, gains and law of a design file written by ``synthesize``; raises ``BadInput``."""
     try:
         data = json.loads(text)

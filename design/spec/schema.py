@@ -242,7 +242,7 @@ class RequirementsTable(Table):
     torque_rate_nm_per_s: AtMost | None = Field(default=None, description="|dτ/dt| at most this [N m/s]")
     friction: AtMost | None = Field(default=None, description="coefficient of friction that there is; |f_x| / load [1]")
     settling_s: AtMost | None = Field(
-        default=None, description="time from the last corner of the force until θ stays within 2 % of θ_f [s]"
+        default=None, description="time from the last corner of the force until θ stays near its final θ_f [s]"
     )
     overshoot_deg: AtMost | None = Field(default=None, description="how far θ goes past its final θ_f [deg]")
     posture_error_deg: AtMost | None = Field(default=None, description="|θ - θ_f| at the end [deg]")
@@ -266,12 +266,14 @@ class BoundsTable(Table):
 
     kp: list[Gain] = Field(min_length=2, max_length=2, description="[N m/rad]")
     kd: list[Gain] = Field(min_length=2, max_length=2, description="[N m s/rad]")
-    kf: list[Gain] = Field(default=[0.0, 0.0], min_length=2, max_length=2, description="[m/s]; left out for law pd")
+    kf: Annotated[list[Gain], Field(min_length=2, max_length=2)] | None = Field(
+        default=None, description="left out for law pd [m/s]"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> BoundsTable:
         for key in ("kp", "kd", "kf"):
-            low, high = getattr(self, key)
+            low, high = getattr(self, key) or (0.0, 0.0)
             if low > high:
                 message = f"{key} = [{low}, {high}]: the lower bound is above the upper one; swap them"
                 raise ValueError(message)

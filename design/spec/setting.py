@@ -42,6 +42,7 @@ class Setting:
     starts: int
     bounds: np.ndarray | None
     step: float
+    written: tuple[float | None, float | None, float | None] = (None, None, None)
 
     def scenario(self, name: str) -> Scenario:
         """The scenario of that name; raises ``BadInput`` with the names there are."""
@@ -62,8 +63,25 @@ class Setting:
     def with_law(self, kind: LawKind | None = None, gains: Gains | None = None) -> Setting:
         """The same setting under another law or other gains; under pd K_f is 0."""
         kind = kind or self.law
-        gains = gains or self.gains
-        return replace(self, law=kind, gains=Gains(gains.K_p, gains.K_d, 0.0) if gains and kind == "pd" else gains)
+        if gains is None:
+            gains = self.gains if kind == self.law else _usable(self.written, kind)
+        elif kind == "pd":
+            gains = Gains(gains.K_p, gains.K_d, 0.0)
+        return replace(self, law=kind, gains=gains)
+
+
+def parse_gains(text: str, kind: LawKind) -> Gains:
+    """Gains written as ``KP,KD,KF``, or ``KP,KD`` for law pd; raises ``BadInput``."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 2 and kind == "pd":
+        numbers.append(0.0)
+    if len(numbers) != 3 or not all(0 <= number <= 1e9 for number in numbers):
+        message = f"is {text[:60]!r}; needs three numbers from 0 to 1e9, as in --gains 3500,1200,1"
+        raise BadInput(message, key="--gains")
+    return Gains(*numbers)
 
 
 def setting(spec: Spec) -> Setting:
@@ -77,27 +95,29 @@ def setting(spec: Spec) -> Setting:
         g=spec.simulation.gravity_mps2,
     )  # fmt: skip
     bounds = spec.synthesis.bounds
+    written = (spec.law.kp, spec.law.kd, spec.law.kf)
     return Setting(
         name=spec.name,
         biped=biped,
         scenarios=tuple(_scenario(biped, table) for table in spec.scenarios),
         law=spec.law.kind,
         theta_d=math.radians(spec.law.desired_angle_deg),
-        gains=_gains(spec),
+        gains=_usable(written, spec.law.kind),
+        written=written,
         required=_required(spec.requirements),
         maximise=spec.synthesis.maximise,
         starts=spec.synthesis.starts,
-        bounds=None if bounds is None else np.array([bounds.kp, bounds.kd, bounds.kf], dtype=float),
+        bounds=None if bounds is None else np.array([bounds.kp, bounds.kd, bounds.kf or [np.nan] * 2], dtype=float),
         step=spec.simulation.time_step_s,
     )
 
 
-def _gains(spec: Spec) -> Gains | None:
-    law = spec.law
-    K_f = 0.0 if law.kind == "pd" else law.kf
-    if law.kp is None or law.kd is None or K_f is None:
-        return None
-    return Gains(law.kp, law.kd, K_f)
+def _usable(written: tuple[float | None, float | None, float | None], kind: LawKind) -> Gains | None:
+    """The gains that are written, if they are all that law ``kind`` needs."""
+    K_p, K_d, K_f = written
+    if kind == "pd":
+        K_f = 0.0
+    return None if K_p is None or K_d is None or K_f is None else Gains(K_p, K_d, K_f)
 
 
 def _required(table: RequirementsTable) -> dict[str, Required]:

@@ -19,6 +19,11 @@ from problems.gains.question import Goal, Question, in_unit, objective_rows, que
 
 Array = NDArray[np.float64]
 
+OPTIMISED = (
+    "stiffness", "damping", "routh", "decay-rate", "toe-force", "heel-force", "cop-margin", "torque", "friction",
+)  # fmt: skip
+"""Rows that the program knows; the others are judged when it is done."""
+
 
 def checked(question: Question, goal: Goal, winner: Local, tried: int, reached: int, optima: int) -> Answer:
     """The answer that ``winner`` deserves: solved if everything agrees, undecided with what does not otherwise."""
@@ -35,9 +40,15 @@ def checked(question: Question, goal: Goal, winner: Local, tried: int, reached: 
             doubt
             or f"{goal}: the program claims {claim:.8g}, the trajectory gives {value:.8g} {OBJECTIVE_UNITS[goal]}."
         )
-    if verdict.overall != "met":
-        row = next(row for row in verdict.rows if row.counts and row.status == verdict.overall)
-        doubt = doubt or f"{row.id} in scenario {row.scenario!r} is {row.status}. {row.note}".strip()
+    broken = [row for row in verdict.rows if row.counts and row.status != "met"]
+    beside = [row for row in broken if row.id not in OPTIMISED]
+    if beside and len(beside) == len(broken) and not doubt:
+        said = "; ".join(f"{row.id} is {row.status}: {row.value} {row.unit}, needs {row.required}" for row in beside)
+        return Answer(outcome=Outcome(status=Status.UNMET, detail=f"{said}."), missed=verdict.rows, starts=tried)
+    if broken:
+        row = broken[0]
+        place = f" in scenario {row.scenario!r}" if row.scenario else ""
+        doubt = doubt or f"{row.id}{place} is {row.status}. {row.note}".strip()
     if doubt:
         return Answer(outcome=Outcome(status=Status.DISAGREEMENT, detail=doubt), missed=verdict.rows, starts=tried)
     setting = question.setting
@@ -89,7 +100,7 @@ def _active(question: Question, goal: Goal, gains: Gains, verdict: Verdict, valu
     """Bounds and rows that are tight at the optimum."""
     found = []
     for name, gain, low, high in zip(("kp", "kd", "kf"), gains, question.lower, question.upper, strict=True):
-        for bound in {float(low), float(high)}:
+        for bound in {float(low), float(high)} if (name != "kf" or question.setting.law != "pd") else ():
             if abs(gain - bound) <= 1e-6 * max(high, 1e-300):
                 found.append(Active(id=name, scenario=None, time_s=None, value=gain, required=bound))
     scales = {limit.id: limit.scale for limit in question.limits} | {"decay-rate": question.pace}

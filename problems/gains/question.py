@@ -49,6 +49,9 @@ class Question:
         bounds = setting.bounds.copy()
         if setting.law == "pd":
             bounds[2] = 0.0
+        elif np.isnan(bounds[2]).any():
+            message = f"is missing; law {setting.law} needs it as [lower, upper]"
+            raise BadInput(message, key="synthesis.bounds.kf")
         self.upper: Array = bounds[:, 1]
         self.lower: Array = bounds[:, 0]
         self.scale: Array = np.where(self.upper > 0, self.upper, 1.0)

@@ -73,4 +73,4 @@ def test_only_the_solver_door_calls_ipopt():
 
 
 def test_the_command_line_is_thin():
-    assert len((ROOT / "cli.py").read_text(encoding="utf-8").splitlines()) < 400
+    assert len((ROOT / "cli.py").read_text(encoding="utf-8").splitlines()) < 300

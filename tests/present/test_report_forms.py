@@ -67,13 +67,13 @@ def test_text_fits_80_columns_without_colour_and_says_kept_or_broken():
 
 
 def test_no_color_is_respected_on_a_terminal(monkeypatch):
-    import cli
+    from design.present import terminal
 
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
     monkeypatch.delenv("NO_COLOR", raising=False)
-    assert "\033" in cli.text_paint()("x", "bad")
+    assert "\033" in terminal.painter_for_output()("x", "bad")
     monkeypatch.setenv("NO_COLOR", "1")
-    assert cli.text_paint()("x", "bad") == "x"
+    assert terminal.painter_for_output()("x", "bad") == "x"
 
 
 def test_a_broken_soft_requirement_is_shown_and_fails_nothing():

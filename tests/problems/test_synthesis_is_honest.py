@@ -144,3 +144,30 @@ def test_no_worse_than_a_global_search(name):
     other = differential_evolution(loss, box, maxiter=25, popsize=10, rng=1, tol=1e-10, polish=False)
     found = question.solve(problem).outcome.value
     assert found.value >= -other.fun * (1 - 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "levels", "gains"),
+    [
+        ({"angle": np.radians(10.0), "duration": 0.05}, {}, Gains(400.0, 10.0, 0.001)),
+        ({"angle": np.radians(12.0), "duration": 0.1}, {}, Gains(400.0, 10.0, 0.001)),
+    ],
+)
+def test_what_some_gains_keep_is_not_called_impossible(scenario, levels, gains):
+    short = slope(SLOPE.biped, name="short", ramp=0.0, **scenario)
+    problem = _needs(replace(SLOPE, scenarios=(short,)), **levels)
+    assert judge(problem, gains).overall == "met"
+    assert not obstacles(problem)
+
+
+def test_a_requirement_that_is_only_checked_is_named_as_such():
+    answer = question.solve(_needs(SLOPE, delay_margin=0.05))
+    assert answer.outcome.status is Status.UNMET
+    assert "delay-margin" in answer.outcome.detail
+
+
+def test_a_law_with_an_integral_needs_bounds_for_its_gain():
+    bounds = SLOPE.bounds.copy()
+    bounds[2] = np.nan
+    with pytest.raises(BadInput, match=r"bounds\.kf"):
+        question.solve(replace(SLOPE, bounds=bounds))

@@ -1,0 +1,57 @@
+"""Standard output for results, standard error for the rest; colours and progress only where a terminal shows them."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+
+def out(text: str) -> None:
+    """A part of the result; if who reads it has seen enough, the program ends well."""
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(0) from None
+
+
+def note(text: str) -> None:
+    """A line beside the result."""
+    sys.stderr.write(text + "\n")
+
+
+def deliver(result: str, output: str | None) -> None:
+    """The result to the file ``output``, or to standard output."""
+    if output:
+        from design.present.store import write
+
+        write(output, result)
+    else:
+        out(result)
+
+
+def painter_for_output(*, to_file: bool = False) -> Callable[[str, str], str]:
+    """Colours where standard output is a terminal and NO_COLOR is not set."""
+    from design.present.text import painter
+
+    return painter(sys.stdout.isatty() and not to_file and not os.environ.get("NO_COLOR"))
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """One line on standard error that is written over, where that is a terminal."""
+    live = sys.stderr.isatty()
+
+    def say(text: str) -> None:
+        if live:
+            sys.stderr.write(f"\r\033[K{text}")
+            sys.stderr.flush()
+
+    try:
+        yield say
+    finally:
+        if live:
+            sys.stderr.write("\r\033[K")

@@ -13,7 +13,7 @@ from design.analysis.rows import Row, RowStatus, Verdict
 from design.errors import BadInput
 from design.model.laws import Gains
 from design.present import store
-from design.present.text import Paint, gains_line, number, ranked, report_table, short, table, word
+from design.present.text import Paint, gains_line, number, ranked, report_table, short, table, word, wrapped
 from design.spec.load import Source
 from design.spec.setting import Setting
 
@@ -59,7 +59,7 @@ def binding(rows: Sequence[Row], part: float = 1e-3) -> list[Row]:
 
 def as_text(report: Report, paint: Paint) -> str:
     """The table for a terminal."""
-    lines = [report.title, "", *report_table(report.verdict.rows, paint), ""]
+    lines = [*wrapped(report.title), "", *report_table(report.verdict.rows, paint), ""]
     lines += [f"binds: {row.id} in {row.scenario}" for row in binding(report.verdict.rows)]
     lines.append(f"specification: {paint(*WORDS[report.verdict.overall])} ({report.counted})")
     return "\n".join(lines) + "\n"
@@ -150,7 +150,7 @@ def comparison(one: Report, other: Report, names: tuple[str, str], paint: Paint)
             [row.id, short(row.scenario, 8), f"{mine} {number(row.value)}",
              f"{its} {number(match.value if match else None)}", row.unit, {1: "A", -1: "B", 0: ""}[better]]
         )  # fmt: skip
-    lines = [f"A: {names[0]}: {one.title}", f"B: {names[1]}: {other.title}", ""]
+    lines = [*wrapped(f"A: {names[0]}: {one.title}"), *wrapped(f"B: {names[1]}: {other.title}"), ""]
     lines += table(["row", "", "A", "B", "unit", "better"], body)
     verdicts = [paint(*WORDS[each.verdict.overall]) for each in (one, other)]
     lines += [

@@ -6,7 +6,7 @@ from typing import Any
 
 from design.analysis.synthesis import OBJECTIVE_UNITS, Active, Answer
 from design.present import store
-from design.present.text import Paint, gains_line, number, report_table
+from design.present.text import Paint, gains_line, number, report_table, wrapped
 from design.spec.load import Source
 from design.spec.setting import Setting
 
@@ -48,7 +48,8 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint) -> str:
     head = f"{source.spec.name}: maximise {setting.maximise}, law {setting.law}"
     if outcome.status.word != "solved":
         style = {"infeasible": "bad"}.get(outcome.status.word, "doubt")
-        lines = [head, "", f"{paint(outcome.status.word.upper(), style)}: {outcome.status.value}", outcome.detail]
+        lines = [head, "", paint(outcome.status.word.upper(), style), *wrapped(outcome.status.value)]
+        lines += wrapped(outcome.detail)
         if answer.missed:
             lines += ["", "At that point (not a result):", *report_table(answer.missed, paint)]
         return "\n".join(lines) + "\n"
@@ -76,7 +77,8 @@ def _before(setting: Setting, answer: Answer) -> list[str]:
     """The spec's own gains beside the answer."""
     if answer.given is None or setting.gains is None:
         return []
-    return [f"The spec's own gains, {gains_line(setting.gains, setting.law)}: {_value(setting, answer.given, 6)}"]
+    own = gains_line(setting.gains, setting.law)
+    return wrapped(f"The spec's own gains, {own}: {_value(setting, answer.given, 6)}")
 
 
 def _value(setting: Setting, value: float, digits: int) -> str:

@@ -57,6 +57,11 @@ def short(name: str | None, most: int = 12) -> str:
     return name if len(name) <= most else name[: most - 1] + "…"
 
 
+def wrapped(text: str, indent: str = "") -> list[str]:
+    """Lines of ``text`` that fit a terminal; further ones are indented by two more."""
+    return textwrap.wrap(text, 79, initial_indent=indent, subsequent_indent=indent + "  ", break_long_words=False)
+
+
 def gains_line(gains: Gains, law: str) -> str:
     """The gains with enough digits to copy, and their units."""
     text = f"kp = {gains.K_p:.10g} N m/rad, kd = {gains.K_d:.10g} N m s/rad"

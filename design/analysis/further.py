@@ -56,15 +56,22 @@ def run_rows(
     end = transient(loop, scenario, run)
     fell = f"falls at {run.fallen:.3f} s" if run.fallen is not None else ""
     late = "" if math.isfinite(end.settling) else fell or "does not settle within the scenario's duration"
+    last = scenario.pieces()[-1]
+    moving = bool(np.ptp(scenario.signal_on(last, np.array(last)), axis=1).any())
+    settling: float | None = end.settling
+    overshoot: float | None = math.degrees(end.overshoot)
+    if moving:  # there is no final posture to settle to
+        settling, overshoot = None, None
+        late = fell = "the force still changes at the end of the scenario; lengthen duration_s"
     return [
         _row(setting, id="torque-rate", equation="(10)", unit="N m/s", value=float(rates[fastest]),
-             time_s=float(run.t[fastest]), note=fell, fails=bool(fell), **common),
-        _row(setting, id="settling", equation="(14)", unit="s", value=end.settling, time_s=end.settled_at, note=late,
+             time_s=float(run.t[fastest]), note=fell, fails=run.fallen is not None, **common),
+        _row(setting, id="settling", equation="(14)", unit="s", value=settling, time_s=end.settled_at, note=late,
              **common),
-        _row(setting, id="overshoot", equation="(14)", unit="deg", value=math.degrees(end.overshoot),
-             time_s=end.overshoot_at, note=fell, fails=bool(fell), **common),
+        _row(setting, id="overshoot", equation="(14)", unit="deg", value=overshoot, time_s=end.overshoot_at,
+             note=fell, fails=run.fallen is not None, **common),
         _row(setting, id="posture-error", equation="(14)", unit="deg", value=math.degrees(end.error),
-             time_s=float(run.t[-1]), note=fell, fails=bool(fell), **common),
+             time_s=float(run.t[-1]), note=fell, fails=run.fallen is not None, **common),
     ]  # fmt: skip
 
 
@@ -122,9 +129,11 @@ def _slope_rate(setting: Setting, gains: Gains) -> Row:
         return _row(setting, **facts, value=0.0 if setting.law == "pd" else None, note=str(error))
     gain = peak.gain + peak.error
     ell = setting.biped.ell
+    turns = ", ".join(f"{t:.3g}" for t in peak.switches[:4])
     note = (
         f"for any slope profile up to r deg/s the linear loop's CoP stays within {1e3 * gain * math.pi / 180:.4g} r mm;"
-        f" the end of the foot is {1e3 * ell:.4g} mm away"
+        f" the end of the foot is {1e3 * ell:.4g} mm away; attained by a slope at that rate which reverses"
+        f" {turns or 'never'}{' ...' if len(peak.switches) > 4 else ''} s before the end"
     )
     return _row(setting, **facts, value=math.degrees(ell / gain), note=note)
 

@@ -7,6 +7,7 @@ import pytest
 
 from design.analysis.simulate import simulate
 from design.analysis.transient import transient
+from design.analysis.verdict import judge
 from design.model.closed_loop import closed_loop
 from design.model.environment import slope
 from design.model.laws import Gains
@@ -44,3 +45,11 @@ def test_it_stays_within_the_band_from_the_settling_time_on():
 def test_a_run_that_is_cut_short_does_not_settle():
     found, _ = _of(replace(SLOPE.scenarios[0], duration=5.01), Gains(3500.0, 1200.0, 1.0))
     assert math.isinf(found.settling)
+
+
+def test_a_force_that_still_changes_at_the_end_leaves_settling_undecided():
+    ramp = replace(SLOPE.scenarios[0], duration=3.0)
+    rows = {row.id: row for row in judge(replace(SLOPE, scenarios=(ramp,)), GAINS, "all").rows}
+    for row in ("settling", "overshoot"):
+        assert rows[row].status == "undecided"
+        assert "still changes" in rows[row].note

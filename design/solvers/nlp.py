@@ -9,6 +9,10 @@ again here: the largest violation, and the stationarity of the Lagrangian with i
 
 from __future__ import annotations
 
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -69,6 +73,27 @@ class NlpAnswer:
     iterations: int
 
 
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Raise a Ctrl-C that came meanwhile: CasADi makes a stop of IPOPT, or a failed evaluation, of it and goes on."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+
+    def handler(number: int, frame: object) -> None:
+        came.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt
+
+
 class Ipopt:
     """IPOPT on one posed program: built once, run from many starts."""
 
@@ -106,10 +131,9 @@ class Ipopt:
         program = self._program
         solver = self._warm if near else self._cold
         start = np.clip(start, program.x_lower, program.x_upper)
-        raw = solver(x0=start, lbx=program.x_lower, ubx=program.x_upper, lbg=program.lower, ubg=program.upper)
+        with _interruptible():
+            raw = solver(x0=start, lbx=program.x_lower, ubx=program.x_upper, lbg=program.lower, ubg=program.upper)
         stats = solver.stats()
-        if stats["return_status"] == "User_Requested_Stop":  # CasADi swallows Ctrl-C
-            raise KeyboardInterrupt
         x, g = raw["x"].full().ravel(), raw["g"].full().ravel()
         x_multiplier, multiplier = raw["lam_x"].full().ravel(), raw["lam_g"].full().ravel()
         violation, stationarity = self._residuals(solver, x, x_multiplier, multiplier)

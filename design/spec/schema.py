@@ -287,7 +287,7 @@ class SynthesisTable(Table):
     """What ``synthesize`` looks for, and where."""
 
     maximise: Objective = Field(default="decay-rate", description="the margin to maximise")
-    starts: int = Field(default=4, ge=1, le=1000, description="number of starting points")
+    starts: int = Field(default=3, ge=1, le=1000, description="number of starting points")
     bounds: BoundsTable | None = Field(default=None, description="bounds of the gains")
 
 

@@ -10,15 +10,9 @@ from __future__ import annotations
 import io
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
-
-if TYPE_CHECKING:
-    from design.model.laws import Gains
-    from design.present.report import Report
-    from design.spec.load import Source
-    from design.spec.setting import Setting
 
 app = typer.Typer(
     name="poise",
@@ -94,9 +88,9 @@ def simulate(
     strict: Strict = False,
 ) -> None:
     """Run the closed loop through every scenario, or one."""
-    from design.present import terminal
+    from design.present import opening, terminal
 
-    source, problem = _read(spec, law, gains, strict)
+    source, problem = opening.opened(spec, law, gains, strict=strict)
     from design.analysis.simulate import simulate as run
     from design.analysis.verdict import coarse_step
     from design.model.closed_loop import closed_loop
@@ -144,9 +138,9 @@ def synthesize(
 
     With -o FILE the design is written as JSON, for `poise report FILE`.
     """
-    from design.present import terminal
+    from design.present import opening, terminal
 
-    source, problem = _read(spec, law, None, strict)
+    source, problem = opening.opened(spec, law, strict=strict)
     from dataclasses import replace
 
     from design.present import store, synthesis
@@ -180,15 +174,19 @@ def report(
     With --against the two designs stand side by side; the exit code is the first one's. With -o FILE.html, .md, .json
     or .xml the form follows the file's ending.
     """
-    from design.present import report as present
-    from design.present import terminal
+    from design.present import drawing, terminal
 
     if output and format == "text":
         format = ENDINGS.get(Path(output).suffix, format)
-    one = _report(spec, law, gains, strict)
-    other = _report(against, None, None, strict, one) if against else None
-    paint = terminal.painter_for_output(to_file=output is not None)
-    terminal.deliver(present.render(format, one, other, (spec, against or ""), paint), output)
+    with drawing.pen(apart=format == "html") as pen:
+        from design.present import opening
+        from design.present import report as present
+
+        one = opening.judged(spec, law, gains, strict=strict)
+        other = opening.judged(against, strict=strict, beside=one) if against else None
+        paint = terminal.painter_for_output(to_file=output is not None)
+        written = present.render(format, one, other, (spec, against or ""), paint, pen)
+    terminal.deliver(written, output)
     raise typer.Exit({"met": MET, "violated": VIOLATED, "undecided": UNDECIDED}[one.verdict.overall])
 
 
@@ -199,45 +197,6 @@ def explain(row: Annotated[str, typer.Argument(metavar="ROW", help="A row's id, 
     from design.present.explain import explain as page
 
     terminal.out(page(row) + "\n")
-
-
-def _report(
-    reference: str, law: LawName | None, gains: str | None, strict: bool, beside: Report | None = None
-) -> Report:
-    """The report on a spec or design; ``beside`` another it is judged by that one's specification."""
-    from design.analysis.verdict import judge
-    from design.present.report import Report
-
-    source, problem = _read(reference, law, gains, strict)
-    its = problem.given_gains()
-    if beside is not None:
-        source, problem = beside.source, beside.setting.with_law(problem.law, its)
-        its = problem.given_gains()
-    return Report(source=source, setting=problem, gains=its, verdict=judge(problem, its, "all"))
-
-
-def _read(reference: str, law: LawName | None, gains: str | None, strict: bool) -> tuple[Source, Setting]:
-    """The spec or design at ``reference`` in SI units, under the law and gains of the command line."""
-    from design.errors import BadInput
-    from design.present import terminal
-    from design.present.store import read_design
-    from design.spec.load import decode, load, parse, read_bytes
-    from design.spec.setting import parse_gains, setting
-
-    own: Gains | None = None
-    kind: LawName | None = None
-    if reference.endswith(".json"):
-        text, own, kind = read_design(decode(read_bytes(reference), reference), reference)
-        source = parse(text, origin=reference)
-    else:
-        source = load(reference)
-    for remark in source.remarks:
-        if strict:
-            message = f"{remark} (--strict)"
-            raise BadInput(message, file=source.origin)
-        terminal.note(f"warning: {source.origin}: {remark}")
-    problem = setting(source.spec).with_law(law or kind)
-    return source, problem.with_law(None, parse_gains(gains, problem.law) if gains is not None else own)
 
 
 def _shadow() -> str | None:

@@ -762,7 +762,7 @@ def test_an_internal_error_is_one_line_and_with_debug_a_traceback(poise, monkeyp
     def fail(_):
         raise RuntimeError("first line\nsecond line")
 
-    monkeypatch.setattr("design.spec.load.load", fail)
+    monkeypatch.setattr("design.present.opening.load", fail)
     ended = poise("report", "slope")
     assert (ended.code, ended.out) == (2, "")
     assert ended.err == "poise: internal error: RuntimeError: first line second line; rerun with --debug\n"
@@ -775,7 +775,7 @@ def test_an_interrupt_exits_130(poise, monkeypatch):
     def fail(_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("design.spec.load.load", fail)
+    monkeypatch.setattr("design.present.opening.load", fail)
     ended = poise("report", "slope")
     assert (ended.code, ended.out) == (130, "")
     assert ended.err.strip() in ("", "poise: interrupted")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from design.model.laws import Gains
@@ -37,9 +38,21 @@ def loop_curves(setting: Setting, gains: Gains) -> LoopCurves:
     size = max(float(np.abs((broken.P + broken.Q).roots()).max()), 1e-6)
     omega = np.logspace(np.log10(size) - 3.5, np.log10(size) + 1.5, 500)
     return LoopCurves(
-        locus=np.array([(broken.P + k * broken.Q).roots() for k in factors], dtype=np.complex128),
+        locus=_roots(broken.P, broken.Q, factors),
         start=np.asarray(broken.P.roots(), dtype=np.complex128),
         poles=np.asarray((broken.P + broken.Q).roots(), dtype=np.complex128),
         omega=omega,
         L=np.asarray(broken.Q(1j * omega) / broken.P(1j * omega)),
     )
+
+
+def _roots(P: Polynomial, Q: Polynomial, factors: NDArray[np.float64]) -> NDArray[np.complex128]:
+    """The roots of P + k Q for each k of ``factors``, (k, n), as eigenvalues of the companion matrices; P leads."""
+    p = P.coef / P.coef[-1]
+    n = len(p) - 1
+    q = np.zeros(n)
+    q[: len(Q.coef)] = Q.coef / P.coef[-1]
+    companion = np.zeros((len(factors), n, n))
+    companion[:, 1:, :-1] = np.eye(n - 1)
+    companion[:, :, -1] = -(p[:-1] + factors[:, None] * q)
+    return np.linalg.eigvals(companion).astype(np.complex128)

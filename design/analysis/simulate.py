@@ -70,7 +70,7 @@ def _runner(loop: ClosedLoop, scenario: Scenario, step: float) -> tuple[Steps, c
     K = ca.MX.sym("K", 3)
     z0 = ca.DM([scenario.theta0, scenario.omega0, 0.0])
     inputs = ca.DM(np.vstack([steps.h, steps.start, steps.middle, steps.end]))
-    z = ca.horzcat(z0, loop.step.mapaccum("march", count)(z0, inputs, ca.repmat(K, 1, count)))
+    z = ca.horzcat(z0, loop.march(count)(z0, inputs, ca.repmat(K, 1, count)))
     y = loop.readout.map(count + 1)(z, ca.DM(steps.force), ca.repmat(K, 1, count + 1))
     return steps, ca.Function("run", [K], [ca.vertcat(z, y)])
 

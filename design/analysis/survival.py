@@ -2,8 +2,8 @@
 
 From rest at theta = 0 the ground tilts at once, or a push of J [N s] on the centre of gravity gives the rate J L/I. The
 loop survives if toe and heel force stay >= 0 at every sample and the body does not fall. Both directions count; the
-smaller is given. Survival is sought by bisection below the physical limit, from a scan that makes sure that all
-smaller ones are survived too.
+smaller is given. Survival is sought below the physical limit, as a zero of the smallest contact force, from a scan that
+makes sure that all smaller disturbances are survived too.
 
 Physical limits. *Slope*: from rest no ankle torque holds a body whose weight's line misses the foot: with the foot's
 own weight, M L sin(alpha) <= ell (M cos(alpha) + m); tan(alpha) = ell/L where m is small. *Push*: capturability (Hof,
@@ -65,47 +65,70 @@ def step_slope(loop: ClosedLoop, gains: Gains, step: float) -> Survival:
     """The largest sudden slope [rad] survived from rest, in the worse direction."""
     to_force = slope_force(loop.biped)
 
-    def survives(angle: float) -> bool:
+    def smallest_force(angle: float) -> float:
         F = to_force(np.array([[angle]]))[:, 0]
-        return _survives(loop, gains, step, 0.0, F)
+        return _smallest_force(loop, gains, step, 0.0, F)
 
-    return _largest(survives, slope_limit(loop.biped), both=loop.law.theta_d != 0.0)
+    return _largest(smallest_force, slope_limit(loop.biped), both=loop.law.theta_d != 0.0)
 
 
 def push(loop: ClosedLoop, gains: Gains, step: float) -> Survival:
     """The largest push [N s] survived from rest on level ground, in the worse direction."""
     biped = loop.biped
 
-    def survives(impulse: float) -> bool:
-        return _survives(loop, gains, step, impulse * biped.L / biped.I, np.zeros(2))
+    def smallest_force(impulse: float) -> float:
+        return _smallest_force(loop, gains, step, impulse * biped.L / biped.I, np.zeros(2))
 
-    return _largest(survives, push_limit(biped), both=loop.law.theta_d != 0.0)
+    return _largest(smallest_force, push_limit(biped), both=loop.law.theta_d != 0.0)
 
 
-def _largest(survives: Callable[[float], bool], limit: float, *, both: bool) -> Survival:
+def _largest(smallest_force: Callable[[float], float], limit: float, *, both: bool) -> Survival:
     """The end of the interval from 0 on which all are survived; ``both`` directions where they are not alike."""
 
-    def safe(size: float) -> bool:
-        return survives(size) and (not both or survives(-size))
+    def force(size: float) -> float:
+        ahead = smallest_force(size)
+        return min(ahead, smallest_force(-size)) if both else ahead
 
-    low, high = 0.0, limit
+    low, at_low = 1e-6 * limit, force(1e-6 * limit)
+    if at_low < 0:
+        return Survival(survived=0.0, limit=limit)
+    high = at_high = None
     for k in range(1, SCAN + 1):
         size = limit * k / SCAN
-        if not safe(size):
-            high = size
+        found = force(size)
+        if found < 0:
+            high, at_high = size, found
             break
-        low = size
-    if low == 0.0 and not safe(1e-6 * limit):
-        return Survival(survived=0.0, limit=limit)
-    while high - low > 1e-4 * limit:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if safe(middle) else (low, middle)
-    return Survival(survived=low, limit=limit)
+        low, at_low = size, found
+    if high is None or at_high is None:
+        return Survival(survived=limit, limit=limit)
+    return Survival(survived=_crossing(force, (low, at_low), (high, at_high), 1e-4 * limit), limit=limit)
 
 
-def _survives(loop: ClosedLoop, gains: Gains, step: float, omega0: float, F: np.ndarray) -> bool:
+def _crossing(
+    force: Callable[[float], float], kept: tuple[float, float], lost: tuple[float, float], width: float
+) -> float:
+    """A size with force >= 0, at most ``width`` below one without; regula falsi in Illinois' form."""
+    (low, at_low), (high, at_high) = kept, lost
+    side = 0
+    while high - low > width:
+        secant = low + (high - low) * at_low / (at_low - at_high)
+        # a step inside: from a secant that is nearly there, the next one closes the bracket from the other side
+        middle = min(max(secant, low + 0.4 * width), high - 0.4 * width)
+        found = force(middle)
+        if found >= 0:
+            low, at_low, at_high = middle, found, at_high / (2 if side > 0 else 1)
+            side = 1
+        else:
+            high, at_high, at_low = middle, found, at_low / (2 if side < 0 else 1)
+            side = -1
+    return low
+
+
+def _smallest_force(loop: ClosedLoop, gains: Gains, step: float, omega0: float, F: np.ndarray) -> float:
+    """The smallest contact force [N] of the run, negative where the body falls."""
     lowest, farthest = _watched(loop, step)(omega0, ca.DM(F), ca.DM(gains)).full().ravel()
-    return bool(np.isfinite(lowest) and lowest >= 0 and farthest < FALLEN)
+    return float(lowest) if np.isfinite(lowest) and farthest < FALLEN else -loop.biped.weight
 
 
 @lru_cache(maxsize=16)
@@ -115,7 +138,7 @@ def _watched(loop: ClosedLoop, step: float) -> ca.Function:
     omega0, F, K = ca.MX.sym("omega0"), ca.MX.sym("F", 2), ca.MX.sym("K", 3)
     z0 = ca.vertcat(0.0, omega0, 0.0)
     u = ca.vertcat(step, F, F, F)
-    z = ca.horzcat(z0, loop.step.mapaccum("march", count)(z0, ca.repmat(u, 1, count), ca.repmat(K, 1, count)))
+    z = ca.horzcat(z0, loop.march(count)(z0, ca.repmat(u, 1, count), ca.repmat(K, 1, count)))
     y = loop.readout.map(count + 1)(z, ca.repmat(F, 1, count + 1), ca.repmat(K, 1, count + 1))
     lowest = ca.mmin(ca.vec(y[1:, :]))
     farthest = ca.mmax(ca.fabs(ca.vec(z[0, :])))

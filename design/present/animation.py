@@ -14,7 +14,7 @@ import numpy as np
 
 from design.analysis.simulate import Trajectory
 from design.model.body import Biped
-from design.present.plots import BLUE, GREY, ORANGE, RED, canvas
+from design.present.plots import BLUE, GREY, ORANGE, RED, canvas, heading
 
 if TYPE_CHECKING:
     from design.present.plots import Axes
@@ -77,7 +77,7 @@ def _frame(ax: Axes, biped: Biped, run: Trajectory, k: int) -> None:
     ax.set_ylim(-0.55 * L, 1.75 * L)
     ax.set_axis_off()
     slope = f", slope {math.degrees(alpha):.1f}°" if run.alpha is not None else ""
-    ax.set_title(f"{run.scenario}, t = {run.t[k]:.2f} s{slope}", fontsize=10)
+    heading(ax, f"{run.scenario}, t = {run.t[k]:.2f} s{slope}")
     said = f"toe {run.F_T[k]:.0f} N (blue), heel {run.F_H[k]:.0f} N (orange), CoP {1e3 * run.P[k]:+.0f} mm (▲)"
     ax.text(0, -0.47 * L, said, ha="center", fontsize=8, color=RED if lost else "black")
     frame = ", in the ground's frame" if slope else ""

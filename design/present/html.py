@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor, Future
 from importlib.resources import files
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from design.analysis.loop_curves import loop_curves
 from design.analysis.rows import Series
@@ -12,37 +13,50 @@ from design.present import plots, report_plots, store
 from design.present.explain import pages
 from design.present.report import WORDS, Report, binding
 from design.present.text import number, ranked, word
+from design.workers import Here
 
 if TYPE_CHECKING:
     from design.present.plots import Figure
 
 
-def as_html(report: Report) -> str:
-    """The whole page."""
+def as_html(report: Report, pen: Executor | None = None) -> str:
+    """The whole page; its pictures are drawn where ``pen`` draws, by default here."""
     from jinja2 import Environment, StrictUndefined
     from markupsafe import Markup
 
+    hand = pen or Here()
+
+    def draw(figure: Callable[..., Figure], *records: Any) -> Future[str]:
+        return hand.submit(_drawn, figure, *records)
+
+    runs = [
+        (run.scenario, draw(plots.run_figure, [run], report.setting.biped.ell, ""))
+        for run in report.verdict.trajectories
+    ]
+    figures = {row: draw(report_plots.limit_figure, parts) for row, parts in _by_row(report.verdict.series)}
+    curves = loop_curves(report.setting, report.gains)
+    locus, loop = draw(report_plots.locus_figure, curves), draw(report_plots.loop_figure, curves)
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["number"] = number
     source = files("design.present").joinpath("report.html.j2").read_text(encoding="utf-8")
     held = {(row.id, row.scenario) for row in binding(report.verdict.rows)}
     rows = [(row, *word(row), (row.id, row.scenario) in held) for row in ranked(report.verdict.rows)]
-    curves = loop_curves(report.setting, report.gains)
-    figures = {row: Markup(svg(report_plots.limit_figure(parts))) for row, parts in _by_row(report.verdict.series)}
-    return environment.from_string(source).render(
+    template = environment.from_string(source)
+    return template.render(
         report=report,
         word=WORDS[report.verdict.overall],
         rows=rows,
         pages={row: page for row, page in pages().items() if any(each.id == row for each in report.verdict.rows)},
-        figures=figures,
-        locus=Markup(svg(report_plots.locus_figure(curves))),
-        loop=Markup(svg(report_plots.loop_figure(curves))),
-        runs=[
-            (run.scenario, Markup(svg(plots.run_figure([run], report.setting.biped.ell, ""))))
-            for run in report.verdict.trajectories
-        ],
+        figures={row: Markup(picture.result()) for row, picture in figures.items()},
+        locus=Markup(locus.result()),
+        loop=Markup(loop.result()),
+        runs=[(scenario, Markup(picture.result())) for scenario, picture in runs],
         provenance=", ".join(f"{name} {version}" for name, version in store.provenance().items()),
     )
+
+
+def _drawn(figure: Callable[..., Figure], *records: Any) -> str:
+    return svg(figure(*records))
 
 
 def svg(figure: Figure) -> str:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
@@ -161,8 +162,13 @@ def comparison(one: Report, other: Report, names: tuple[str, str], paint: Paint)
     return "\n".join(lines) + "\n"
 
 
-def render(form: str, one: Report, other: Report | None, names: tuple[str, str], paint: Paint) -> str:
-    """The report in a ``form``: text, json, md, html or junit; raises ``BadInput`` for one that cannot compare."""
+def render(
+    form: str, one: Report, other: Report | None, names: tuple[str, str], paint: Paint, pen: Executor | None = None
+) -> str:
+    """The report in a ``form``: text, json, md, html or junit; raises ``BadInput`` for one that cannot compare.
+
+    ``pen`` draws the pictures of html.
+    """
     if form == "json":
         return store.dumps(as_json(one, other))
     if other is not None:
@@ -173,7 +179,7 @@ def render(form: str, one: Report, other: Report | None, names: tuple[str, str],
     if form == "html":
         from design.present.html import as_html
 
-        return as_html(one)
+        return as_html(one, pen)
     return {"md": as_markdown, "junit": as_junit}[form](one) if form != "text" else as_text(one, paint)
 
 

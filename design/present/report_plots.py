@@ -9,7 +9,7 @@ import numpy as np
 
 from design.analysis.loop_curves import LoopCurves
 from design.analysis.rows import Series
-from design.present.plots import BLUE, GREY, ORANGE, RED, canvas, plain
+from design.present.plots import BLUE, GREY, ORANGE, RED, canvas, heading, plain
 
 if TYPE_CHECKING:
     from design.present.plots import Axes, Figure
@@ -38,7 +38,7 @@ def _limit(ax: Axes, part: Series) -> None:
             ax.fill_between(part.t, part.level, value, where=broken, color=RED, alpha=0.25, hatch="//", linewidth=0)
     worst = int(np.nanargmin(value) if part.sense == "at least" else np.nanargmax(value))
     ax.plot(part.t[worst], value[worst], "o", color=ORANGE, markeredgecolor="black", markersize=5)
-    ax.set_title(part.scenario, fontsize=9)
+    heading(ax, part.scenario)
     ax.set_xlabel("time [s]")
     ax.margins(x=0.01)
     plain(ax)
@@ -61,7 +61,7 @@ def locus_figure(curves: LoopCurves) -> Figure:
     far = sizes[-1] > 8 * sizes[-2]
     span = 1.6 * float(sizes[-2] if far else sizes[-1])
     if far:
-        ax.set_title(f"one pole is far left, at {-sizes[-1]:.3g} 1/s", fontsize=9)
+        heading(ax, f"one pole is far left, at {-sizes[-1]:.3g} 1/s")
     ax.set_xlim(-span, 0.45 * span)
     ax.set_ylim(-0.7 * span, 0.7 * span)
     ax.legend(fontsize=8, frameon=False, loc="upper left")

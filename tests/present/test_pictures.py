@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from design.analysis.loop_curves import loop_curves
 from design.analysis.simulate import simulate
 from design.errors import BadInput
 from design.model.closed_loop import closed_loop
 from design.model.laws import Gains
+from design.model.margins import breaks
 from design.present import plots
 from design.present.animation import gif_bytes
 from design.spec.load import load
@@ -57,3 +59,13 @@ def test_the_animation_moves_in_real_time():
     first = np.asarray(image.convert("RGB"), dtype=int)
     image.seek(image.n_frames - 1)
     assert np.abs(np.asarray(image.convert("RGB"), dtype=int) - first).max() > 50
+
+
+def test_the_root_locus_goes_from_the_open_loop_to_the_design_and_beyond():
+    A, load = (np.max(part, keepdims=True) for part in SLOPE.scenarios[0].operating_points(SLOPE.biped))
+    broken = breaks(SLOPE.biped, SLOPE.law, SLOPE.gains, float(A[0]), float(load[0]))["actuator"]
+    locus = loop_curves(SLOPE, SLOPE.gains).locus
+    for at, k in ((0, 0.0), (299, 1.0), (499, 3.0)):
+        residuals = (broken.P + k * broken.Q)(locus[at])
+        sizes = np.polyval(np.abs((broken.P + k * broken.Q).coef[::-1]), np.abs(locus[at]))
+        assert (np.abs(residuals) <= 1e-9 * sizes).all()

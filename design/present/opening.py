@@ -1,0 +1,52 @@
+"""From a reference on the command line, a spec or a stored design, to the problem and its verdict."""
+
+from __future__ import annotations
+
+from design.analysis.verdict import judge
+from design.errors import BadInput
+from design.model.laws import Gains, LawKind
+from design.present import terminal
+from design.present.report import Report
+from design.present.store import read_design
+from design.spec.load import Source, decode, load, parse, read_bytes
+from design.spec.setting import Setting, parse_gains, setting
+
+
+def opened(
+    reference: str, law: LawKind | None = None, gains: str | None = None, *, strict: bool = False
+) -> tuple[Source, Setting]:
+    """The spec or design at ``reference`` in SI units, under the ``law`` and ``gains`` of the command line.
+
+    Remarks on implausible numbers go to standard error; ``strict`` raises ``BadInput`` for the first.
+    """
+    own: Gains | None = None
+    kind: LawKind | None = None
+    if reference.endswith(".json"):
+        text, own, kind = read_design(decode(read_bytes(reference), reference), reference)
+        source = parse(text, origin=reference)
+    else:
+        source = load(reference)
+    for remark in source.remarks:
+        if strict:
+            message = f"{remark} (--strict)"
+            raise BadInput(message, file=source.origin)
+        terminal.note(f"warning: {source.origin}: {remark}")
+    problem = setting(source.spec).with_law(law or kind)
+    return source, problem.with_law(None, parse_gains(gains, problem.law) if gains is not None else own)
+
+
+def judged(
+    reference: str,
+    law: LawKind | None = None,
+    gains: str | None = None,
+    *,
+    strict: bool = False,
+    beside: Report | None = None,
+) -> Report:
+    """The report on a spec or design; ``beside`` another it is judged by that one's specification."""
+    source, problem = opened(reference, law, gains, strict=strict)
+    its = problem.given_gains()
+    if beside is not None:
+        source, problem = beside.source, beside.setting.with_law(problem.law, its)
+        its = problem.given_gains()
+    return Report(source=source, setting=problem, gains=its, verdict=judge(problem, its, "all"))

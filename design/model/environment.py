@@ -8,7 +8,7 @@ crosses a breakpoint, and each step sees one piece only, so that a jump is not s
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal
 
@@ -73,6 +73,10 @@ class Scenario:
     def signal_on(self, piece: tuple[float, float], t: Array) -> Array:
         """Signal (k, j) at times ``t`` (j,), as the piece (t0, t1) continues it."""
         return self._signal(np.full_like(t, 0.5 * (piece[0] + piece[1])), t)
+
+    def force_at(self, t: Array) -> Array:
+        """Force (2, j) [N] at times ``t`` (j,) >= 0; at a jump, what comes after it."""
+        return self.to_force(self._signal(t, t))
 
     def _signal(self, inside: Array, t: Array) -> Array:
         """Signal at ``t`` by the linear piece that contains ``inside``."""
@@ -148,6 +152,25 @@ def _flattest(ends: Array, biped: Biped, start: float, end: float) -> float:
     return start + share * (end - start)
 
 
+def varied(
+    scenario: Scenario, biped: Biped, *, slope: Callable[[float], float], ramp: Callable[[float], float]
+) -> Scenario:
+    """``scenario`` as another ``biped`` meets it, its final slope [rad] and its ramp's time [s] mapped.
+
+    On slopes and floors the force follows the body's mass. Only a slope and a force that grow have a ramp.
+    """
+    times, signal, to_force = scenario.times, scenario.signal, scenario.to_force
+    if scenario.kind == "slope":
+        to_force = slope_force(biped)
+        final = float(signal[0, -1])
+        signal = np.full_like(signal, slope(final)) if final == 0 else signal * (slope(final) / final)
+    if scenario.kind == "platform":
+        to_force = _floor_force(biped)
+    if scenario.kind in ("slope", "force") and times[-1] > 0:
+        times = times * (max(ramp(float(times[-1])), 1e-9) / times[-1])
+    return replace(scenario, times=times, signal=signal, to_force=to_force)
+
+
 def slope_force(biped: Biped) -> Callable[[Array], Array]:
     """(21): the force in the frame of ground that is inclined by alpha [rad]."""
 
@@ -185,12 +208,8 @@ def platform(
 ) -> Scenario:
     """A floor with acceleration ``points`` (n, 2): t [s], a [m/s²], piecewise linear; F_x = -M a."""
     times, values = _held(points)
-
-    def to_force(signal: Array) -> Array:
-        return np.vstack([0.0 - biped.M * signal[0], np.zeros_like(signal[0])])
-
     return Scenario(
-        name=name, kind="platform", duration=duration, times=times, signal=values, to_force=to_force,
+        name=name, kind="platform", duration=duration, times=times, signal=values, to_force=_floor_force(biped),
         theta0=theta0, omega0=omega0,
     )  # fmt: skip
 
@@ -202,6 +221,13 @@ def profile(*, name: str, points: Array, duration: float, theta0: float = 0.0, o
         name=name, kind="profile", duration=duration, times=times, signal=values, to_force=_as_is,
         theta0=theta0, omega0=omega0,
     )  # fmt: skip
+
+
+def _floor_force(biped: Biped) -> Callable[[Array], Array]:
+    def to_force(signal: Array) -> Array:
+        return np.vstack([0.0 - biped.M * signal[0], np.zeros_like(signal[0])])
+
+    return to_force
 
 
 def _as_is(signal: Array) -> Array:

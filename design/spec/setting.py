@@ -12,6 +12,9 @@ from design.model.body import Biped
 from design.model.environment import Scenario, constant_force, platform, profile, slope
 from design.model.laws import Gains, LawKind
 from design.model.limits import Required
+from design.model.sensing import Sensors
+from design.model.tuning import Tuning
+from design.model.uncertainty import Spread, Tolerances
 from design.spec.schema import (
     AnyScenario,
     ForceTable,
@@ -21,6 +24,7 @@ from design.spec.schema import (
     SlopeTable,
     Spec,
 )
+from design.spec.study_tables import MpcTable, NoiseTable, StudyTable, Tolerance, UncertaintyTable
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,6 +46,10 @@ class Setting:
     starts: int
     bounds: np.ndarray | None
     step: float
+    tuning: Tuning
+    sensors: Sensors
+    tolerances: Tolerances
+    study: StudyTable
     written: tuple[float | None, float | None, float | None] = (None, None, None)
 
     def scenario(self, name: str) -> Scenario:
@@ -109,6 +117,10 @@ def setting(spec: Spec) -> Setting:
         starts=spec.synthesis.starts,
         bounds=None if bounds is None else np.array([bounds.kp, bounds.kd, bounds.kf or [np.nan] * 2], dtype=float),
         step=spec.simulation.time_step_s,
+        tuning=_tuning(spec.mpc),
+        sensors=_sensors(spec.noise),
+        tolerances=_tolerances(spec.uncertainty),
+        study=spec.study,
     )
 
 
@@ -165,3 +177,29 @@ def _scenario(biped: Biped, table: AnyScenario) -> Scenario:
     if isinstance(table, PlatformTable):
         return platform(biped, points=np.array(table.acceleration_mps2), **rest)  # type: ignore[arg-type]
     return profile(points=np.array(table.points), **rest)  # type: ignore[arg-type]
+
+
+def _tuning(table: MpcTable) -> Tuning:
+    return Tuning(
+        step=table.step_s, horizon=table.horizon, rate=table.rate_weight, torque=table.torque_weight,
+        contact=table.contact_margin_n, walk=table.force_walk_n_per_sqrt_s, real_time=table.real_time_iteration,
+    )  # fmt: skip
+
+
+def _sensors(table: NoiseTable) -> Sensors:
+    return Sensors(
+        angle=math.radians(table.angle_deg), rate=math.radians(table.rate_deg_per_s), force=table.force_n,
+        angle_step=math.radians(table.angle_step_deg), rate_step=math.radians(table.rate_step_deg_per_s),
+        force_step=table.force_step_n, delay=table.delay_s,
+    )  # fmt: skip
+
+
+def _tolerances(table: UncertaintyTable) -> Tolerances:
+    def spread(tolerance: Tolerance, unit: float = 1.0) -> Spread:
+        return Spread(absolute=unit * (tolerance.absolute or 0.0), part=(tolerance.percent or 0.0) / 100)
+
+    return Tolerances(
+        M=spread(table.mass_kg), L=spread(table.com_height_m), I=spread(table.inertia_kgm2),
+        m=spread(table.foot_mass_kg), ell=spread(table.half_length_m),
+        slope=spread(table.slope_deg, math.radians(1.0)), ramp=spread(table.ramp_s),
+    )  # fmt: skip

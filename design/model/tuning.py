@@ -1,0 +1,22 @@
+"""The numbers by which a predictive controller and its observer are tuned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tuning:
+    """Prediction over ``horizon`` steps of ``step`` [s]; cost (e/1 rad)² + rate (omega/Omega)² + torque (tau/(A L))².
+
+    ``contact`` [N]: how much above the required level toe and heel force are planned. ``walk`` [N/√s]: how fast the
+    observer lets the external force change. ``real_time``: one iteration of the nonlinear program a period.
+    """
+
+    step: float = 0.02
+    horizon: int = 50
+    rate: float = 0.02
+    torque: float = 0.005
+    contact: float = 0.0
+    walk: float = 200.0
+    real_time: bool = False

@@ -1,0 +1,98 @@
+"""What the linear and the nonlinear prediction share: model about the stationary posture, cost, limits, terminal set.
+
+minimise    Σ_{k<N} e_k² + w_rate (omega_k/Omega)² + w_torque (tau_k/(A L))²  +  x_NᵀP x_N  +  PENALTY sigma
+over        tau_0 .. tau_{N-1}, sigma >= 0                     e = theta - theta_f, x = (e, omega), Omega² = A L/I
+subject to  the dynamics from the state believed now, with the external force held (or as foreseen)
+            each limit at each step, toe and heel force above all, to within sigma times its scale
+            |tau_k| and |tau_k - tau_{k-1}| within the actuator's limits
+            the terminal set
+
+P is the Riccati matrix, so that without active limits the torque is LQR's, whatever N. sigma makes the limits soft with
+an exact penalty: it is zero whenever the hard limits can be met.
+
+Terminal set. The unstable mode xi = e + omega/Omega stands still under the torque -A L xi held for ever; theta goes
+to theta_f + xi without overshoot (capturability: Hof 2005, Koolen 2012). So the plan must end where that torque is in
+the actuator's reach from tau_{N-1}, and meets the limits both at x_N and at (theta_f + xi, 0); between the two the
+limits, affine in e, are met as well. A plan shifted by one step, with that torque appended, is then feasible again.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from design.model.actuator import Actuator
+from design.model.body import Biped
+from design.model.limits import Limit, Required, limits
+from design.model.plant import plant
+from design.model.tuning import Tuning
+
+Array = NDArray[np.float64]
+
+PENALTY = 1e3
+"""Cost of breaking a limit by its scale; the cost of e is 1 per rad² and step."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Horizon:
+    """A prediction to be posed: the nominal ``biped``, ``tuning``, ``actuator``, and ``rows``: limits and levels."""
+
+    biped: Biped
+    tuning: Tuning
+    actuator: Actuator
+    rows: tuple[tuple[Limit, float], ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Posture:
+    """The linear model about a stationary posture of size ``A`` [N], x = (e, omega), with the torque held a step.
+
+    x_{k+1} = ``Ad`` (2, 2) x_k + ``Bd`` (2) tau_k; ``Q`` (2, 2) and ``R`` weigh x and tau; LQR: tau = -``K`` (2) x,
+    cost xᵀ ``P`` (2, 2) x. ``Omega`` [1/s], ``AL`` [N m].
+    """
+
+    A: float
+    AL: float
+    Omega: float
+    Ad: Array
+    Bd: Array
+    Q: Array
+    R: float
+    P: Array
+    K: Array
+
+
+def horizon(biped: Biped, tuning: Tuning, actuator: Actuator, required: dict[str, Required]) -> Horizon:
+    """The prediction for ``biped``: contact always, other limits where they are required to be kept."""
+    rows = []
+    for limit in limits(plant(biped), required):
+        level = limit.hard_level
+        if limit.id == "torque" or level is None or (limit.id == "cop-margin" and level <= 0):
+            continue  # the actuator's, not required, or the same as contact
+        rows.append((limit, level + (tuning.contact if limit.unit == "N" else 0.0)))
+    return Horizon(biped=biped, tuning=tuning, actuator=actuator, rows=tuple(rows))
+
+
+def stationary(biped: Biped, F_x: float, F_y: float) -> tuple[float, float]:
+    """A [N] and theta_f [rad] of (3)-(4) for the force (F_x, F_y) [N]."""
+    down = biped.M * biped.g - F_y
+    return math.hypot(down, F_x), math.atan2(-F_x, down)
+
+
+@lru_cache(maxsize=256)
+def posture(biped: Biped, tuning: Tuning, A: float) -> Posture:
+    """The linear model, exactly discretised, and its LQR."""
+    AL = A * biped.L
+    Omega = math.sqrt(AL / biped.I)
+    c, s = math.cosh(Omega * tuning.step), math.sinh(Omega * tuning.step)
+    Ad = np.array([[c, s / Omega], [Omega * s, c]])
+    Bd = np.array([(c - 1) / AL, s / (Omega * biped.I)])
+    Q, R = np.diag([1.0, tuning.rate / Omega**2]), tuning.torque / AL**2
+    P = scipy.linalg.solve_discrete_are(Ad, Bd[:, None], Q, [[R]])
+    K = (Bd @ P @ Ad) / (R + Bd @ P @ Bd)
+    return Posture(A=A, AL=AL, Omega=Omega, Ad=Ad, Bd=Bd, Q=Q, R=R, P=P, K=K)

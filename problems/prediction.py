@@ -74,7 +74,7 @@ def horizon(biped: Biped, tuning: Tuning, actuator: Actuator, required: dict[str
         level = limit.hard_level
         if limit.id == "torque" or level is None or (limit.id == "cop-margin" and level <= 0):
             continue  # the actuator's, not required, or the same as contact
-        rows.append((limit, level + (tuning.contact if limit.unit == "N" else 0.0)))
+        rows.append((limit, level + (tuning.contact * biped.weight if limit.unit == "N" else 0.0)))
     return Horizon(biped=biped, tuning=tuning, actuator=actuator, rows=tuple(rows))
 
 

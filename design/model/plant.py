@@ -8,6 +8,7 @@ P = (F_T - F_H) ell / (F_T + F_H).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 
@@ -31,23 +32,59 @@ class Plant:
 
 def plant(biped: Biped) -> Plant:
     """Build the equations of ``biped`` once."""
-    M, L, I, m, ell, g = biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g
     x, tau, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("F", 2)
+    numbers = (biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g)
+    xdot, reaction, P, f_x = _equations(numbers, x, tau, F)
+    arguments, names = [x, tau, F], ["x", "tau", "F"]
+    return Plant(
+        biped=biped,
+        dynamics=ca.Function("dynamics", arguments, [xdot], names, ["xdot"]),
+        forces=ca.Function("forces", arguments, [reaction], names, ["F_T_F_H"]),
+        cop=ca.Function("cop", arguments, [P], names, ["P"]),
+        friction=ca.Function("friction", arguments, [f_x], names, ["f_x"]),
+    )
+
+
+def held(count: int) -> ca.Function:
+    """Any biped under a held torque: (x (2), tau, body (6), u (7, count)) -> x after it, and contact on the way.
+
+    ``body`` is (M, L, I, m, ell, g); each column of u is a step, (h, F at its start, middle and end), by the classical
+    fourth-order Runge-Kutta method. Contact (3, count): the smaller of the values at both ends of each step of F_T,
+    F_H [N], and ell - |P| [m].
+    """
+    x, tau, body, u = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 6), ca.SX.sym("u", 7)
+    h, start, middle, end = u[0], u[1:3], u[3:5], u[5:7]
+    numbers = ca.vertsplit(body)
+    k1, first, P_first, _ = _equations(numbers, x, tau, start)
+    k2, *_ = _equations(numbers, x + h / 2 * k1, tau, middle)
+    k3, *_ = _equations(numbers, x + h / 2 * k2, tau, middle)
+    k4, *_ = _equations(numbers, x + h * k3, tau, end)
+    following = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    _, last, P_last, _ = _equations(numbers, following, tau, end)
+    inside = body[4] - ca.fmax(ca.fabs(P_first), ca.fabs(P_last))
+    contact = ca.vertcat(ca.fmin(first, last), inside)
+    step = ca.Function("step", [x, tau, body, u], [following, contact], {"cse": True})
+    given = [ca.MX.sym("x", 2), ca.MX.sym("tau"), ca.MX.sym("body", 6), ca.MX.sym("u", 7, count)]
+    march = step.mapaccum("march", count)
+    states, along = march(given[0], ca.repmat(given[1], 1, count), ca.repmat(given[2], 1, count), given[3])
+    return ca.Function("held", given, [states[:, -1], along])
+
+
+def reactions() -> ca.Function:
+    """Any biped's (x (2), tau, body (6), F (2)) -> (F_T, F_H) [N]; ``body`` as in ``held``."""
+    x, tau, body, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 6), ca.SX.sym("F", 2)
+    return ca.Function("reactions", [x, tau, body, F], [_equations(ca.vertsplit(body), x, tau, F)[1]])
+
+
+def _equations(numbers: Any, x: Any, tau: Any, F: Any) -> tuple[Any, Any, Any, Any]:
+    """x', (F_T, F_H), P and the horizontal force on the foot, for a body of ``numbers`` (M, L, I, m, ell, g)."""
+    M, L, I, m, ell, g = numbers
     theta, omega = ca.vertsplit(x)
     F_x, F_y = ca.vertsplit(F)
-
     acceleration = ((M * g - F_y) * L * ca.sin(theta) + F_x * L * ca.cos(theta) + tau) / I  # (2)
     f_y = -M * L * acceleration * ca.sin(theta) - M * L * omega**2 * ca.cos(theta) + M * g - F_y  # (7)
     F_T = -tau / (2 * ell) + m * g / 2 + f_y / 2  # (5)
     F_H = tau / (2 * ell) + m * g / 2 + f_y / 2  # (6)
     P = (F_T - F_H) * ell / (F_T + F_H)  # (18)
     f_x = M * L * (acceleration * ca.cos(theta) - omega**2 * ca.sin(theta)) - F_x  # Newton, forward, foot at rest
-
-    arguments, names = [x, tau, F], ["x", "tau", "F"]
-    return Plant(
-        biped=biped,
-        dynamics=ca.Function("dynamics", arguments, [ca.vertcat(omega, acceleration)], names, ["xdot"]),
-        forces=ca.Function("forces", arguments, [ca.vertcat(F_T, F_H)], names, ["F_T_F_H"]),
-        cop=ca.Function("cop", arguments, [P], names, ["P"]),
-        friction=ca.Function("friction", arguments, [f_x], names, ["f_x"]),
-    )
+    return ca.vertcat(omega, acceleration), ca.vertcat(F_T, F_H), P, f_x

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 class Tuning:
     """Prediction over ``horizon`` steps of ``step`` [s]; cost (e/1 rad)² + rate (omega/Omega)² + torque (tau/(A L))².
 
-    ``contact`` [N]: how much above the required level toe and heel force are planned. ``walk`` [N/√s]: how fast the
+    ``contact``: by which part of the weight toe and heel force are planned above the required level. ``walk`` [N/√s]: how fast the
     observer lets the external force change. ``real_time``: one iteration of the nonlinear program a period.
     """
 
     step: float = 0.02
     horizon: int = 50
     rate: float = 0.02
-    torque: float = 0.005
-    contact: float = 0.0
+    torque: float = 0.0135
+    contact: float = 0.01
     walk: float = 200.0
     real_time: bool = False

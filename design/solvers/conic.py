@@ -83,7 +83,7 @@ class ConicAnswer:
     iterations: int
 
 
-QUICK: dict[str, Any] = {"iterative_refinement_enable": False}
+QUICK: dict[str, Any] = {"iterative_refinement_enable": False, "direct_solve_method": "qdldl"}
 CAREFUL: dict[str, Any] = {"max_iter": 500}
 
 
@@ -97,9 +97,8 @@ class Clarabel:
         self._solver: Any = None
 
     def _set(self, program: ConicProgram) -> None:
-        self._P, self._A = program.P.tocsr(), program.A.tocsc()
-        self._AT = self._A.T.tocsr()
-        self._A_by_rows = self._A.tocsr()
+        self._P, self._A = program.P.tocsc(), program.A.tocsc(copy=True)
+        self._AT = self._A.T  # shares the entries
         self._q, self._b, self._cones = program.q.copy(), program.b.copy(), tuple(program.cones)
 
     def update(self, *, q: Array | None = None, A: Array | None = None, b: Array | None = None) -> None:
@@ -119,13 +118,15 @@ class Clarabel:
             self._b = b.copy()
         if A is not None:
             self._A.data[:] = A
-            self._AT = self._A.T.tocsr()
-            self._A_by_rows = self._A.tocsr()
         if self._solver is not None:
             try:
                 self._solver.update(q=self._q, b=self._b, **({} if A is None else {"A": self._A.data}))
             except Exception:  # a solver that failed to update is in no known state
                 self._solver = None
+
+    def product(self, x: Array) -> Array:
+        """A x (r,) of the program as it stands."""
+        return np.asarray(self._A @ x)
 
     def solve(self) -> ConicAnswer:
         """Solve the program as it stands; never raises for what the solver does."""
@@ -177,7 +178,7 @@ class Clarabel:
     def _measured(self, x: Array, s: Array, z: Array, said: str, iterations: int) -> ConicAnswer:
         q, b = self._q, self._b
         with np.errstate(all="ignore"):
-            Px, Ax, ATz = self._P @ x, self._A_by_rows @ x, self._AT @ z
+            Px, Ax, ATz = self._P @ x, self._A @ x, self._AT @ z
             quadratic, linear, offered = float(x @ Px), float(q @ x), float(b @ z)
             outside = max(_outside(self._cones, s), _outside(self._cones, z, dual=True))
             primal = max(_largest(Ax + s - b), outside) / (1 + max(_largest(Ax), _largest(b), _largest(s)))

@@ -182,7 +182,7 @@ def _scenario(biped: Biped, table: AnyScenario) -> Scenario:
 def _tuning(table: MpcTable) -> Tuning:
     return Tuning(
         step=table.step_s, horizon=table.horizon, rate=table.rate_weight, torque=table.torque_weight,
-        contact=table.contact_margin_n, walk=table.force_walk_n_per_sqrt_s, real_time=table.real_time_iteration,
+        contact=table.contact_margin_percent / 100, walk=table.force_walk_n_per_sqrt_s, real_time=table.real_time_iteration,
     )  # fmt: skip
 
 

@@ -24,12 +24,9 @@ class MpcTable(Table):
     step_s: Number = Field(default=0.02, ge=1e-4, le=1.0, description="step of the prediction [s]")
     horizon: int = Field(default=50, ge=2, le=1000, description="number of steps that are predicted")
     rate_weight: Weight = Field(default=0.02, description="weight of (ω/Ω)², Ω² = A L/I; the angle's is 1")
-    torque_weight: Annotated[Number, Field(ge=1e-9, le=1e6)] = Field(default=0.005, description="weight of (τ/(A L))²")
-    contact_margin_n: Number = Field(
-        default=0.0,
-        ge=0,
-        le=1e6,
-        description="toe and heel force are planned this much above what is required [N]",
+    torque_weight: Annotated[Number, Field(ge=1e-9, le=1e6)] = Field(default=0.0135, description="weight of (τ/(A L))²")
+    contact_margin_percent: Number = Field(
+        default=1.0, ge=0, le=100, description="toe and heel force planned above what is required [% of the weight]"
     )
     force_walk_n_per_sqrt_s: Annotated[Number, Field(gt=0, le=1e6)] = Field(
         default=200.0, description="how fast the observer lets the external force change [N/√s]"

@@ -1,0 +1,117 @@
+"""The linear prediction in flat coordinates: one sequence y instead of states, torques and the equations between them.
+
+About a stationary posture the deviations of e, omega and tau are a sliding sum, difference and second difference of y,
+
+    e_k     = (y_k + y_{k+1})/2
+    omega_k = (Omega sinh Omega h)/(cosh Omega h - 1) (y_{k+1} - y_k)/2
+    tau_k   = (A L)/(2 (cosh Omega h - 1)) (y_{k+2} - 2 cosh(Omega h) y_{k+1} + y_k),
+
+the controllable canonical form of the dynamics with the torque held for h; y_0 = y_1 = 0. No equality constraint is
+left, and every matrix is banded. Rows of a program come in the order of *points*: steps 0 .. N-1, the end N under the
+torque that holds, and where that torque leads (see ``problems.prediction``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from design.model.actuator import Actuator
+from problems.prediction import Posture
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Bands:
+    """Matrices from (y_2 .. y_{N+1}) to e and omega (N+1, N) and tau (N, N); ``points`` (N+2, 3, N) to all of them."""
+
+    e: Array
+    omega: Array
+    tau: Array
+    points: Array
+
+
+def bands(model: Posture, count: int) -> Bands:
+    """The matrices for N = ``count`` steps."""
+    c = float(model.Ad[0, 0])
+    both = np.eye(count + 1, count + 2) + np.eye(count + 1, count + 2, 1)
+    step = np.eye(count + 1, count + 2, 1) - np.eye(count + 1, count + 2)
+    second = np.eye(count, count + 2) - 2 * c * np.eye(count, count + 2, 1) + np.eye(count, count + 2, 2)
+    unit = 0.5 / model.Bd[0]
+    e, omega, tau = 0.5 * both[:, 2:], unit * model.Bd[1] * step[:, 2:], unit * second[:, 2:]
+    return Bands(e=e, omega=omega, tau=tau, points=with_end(model, e, omega, tau))
+
+
+def with_end(model: Posture, e: Array, omega: Array, tau: Array, goal: float = 0.0) -> Array:
+    """The points (N+2, 3, ...) of e, omega (N+1, ...), tau (N, ...), and the end, which stands still near ``goal``."""
+    xi = e[-1] - goal + omega[-1] / model.Omega
+    hold = -model.AL * xi
+    last = np.stack([e[-1], omega[-1], hold]), np.stack([goal + xi, np.zeros_like(xi), hold])
+    return np.concatenate([np.stack([e[:-1], omega[:-1], tau], axis=1), np.stack(last)])
+
+
+class Pattern:
+    """The matrix of the rows over (y, sigma), by columns; its entries change with the limits' slopes.
+
+    Rows: ``each`` components of limits at every point, soft; then tau_k and tau_k - tau_{k-1} from above and from below
+    as far as the actuator limits them, scaled by ``size`` [N m], soft only at the end; then sigma >= 0.
+    """
+
+    def __init__(self, along: Bands, each: int, actuator: Actuator, step: float, size: float) -> None:
+        points = along.points
+        N = points.shape[2]
+        self.soft, self.size = each * (N + 2), size
+        torques = points[: N + 1, 2]
+        changes = np.diff(torques, axis=0, prepend=0.0)
+        reach, fixed = [], []
+        for rows, most, first in (
+            (torques, actuator.torque, actuator.torque),
+            (changes, actuator.rate * step, actuator.rate * actuator.period),
+        ):
+            if np.isfinite(most):
+                fixed += [rows / size, -rows / size]
+                reach.append(np.append(first, np.full(N, most)) / size)
+        self.limited = (bool(np.isfinite(actuator.torque)), bool(np.isfinite(actuator.rate)))
+        self.reach = reach
+        stacked = np.vstack([*fixed, np.zeros((0, N))])
+        at_end = np.zeros(len(stacked))
+        at_end[N :: N + 1] = -1.0
+        constant = np.zeros((self.soft + len(stacked) + 1, N + 1))
+        constant[: self.soft, N] = constant[-1, N] = -1.0
+        constant[self.soft : -1] = np.column_stack([stacked, at_end])
+        spread = np.repeat(points, each, axis=0)
+        filled = constant != 0
+        filled[: self.soft, :N] |= (spread != 0).any(axis=1)
+        self._columns, self._rows = np.nonzero(filled.T)
+        self.shape = constant.shape
+        self._data = constant[self._rows, self._columns]
+        moving = (self._rows < self.soft) & (self._columns < N)
+        rows = self._rows[moving]
+        self._moving = np.flatnonzero(moving)
+        self._parts = -spread[rows, :, self._columns[moving]].T
+        self._slope = rows % each + each * (rows >= each)
+
+    def matrix(self) -> sp.csc_matrix:
+        """A matrix with every entry of the pattern in place."""
+        pointers = np.searchsorted(self._columns, np.arange(self.shape[1] + 1))
+        data = np.where(self._data == 0, 1.0, self._data)
+        return sp.csc_matrix((data, self._rows, pointers), shape=self.shape)
+
+    def entries(self, now: Array, there: Array) -> Array:
+        """The entries for limits with slopes ``now`` (each, 3) at the first point and ``there`` at all others."""
+        slopes = np.concatenate([now, there]).T[:, self._slope]
+        self._data[self._moving] = (slopes * self._parts).sum(axis=0)
+        return self._data
+
+    def room(self, points: Array, margins: Array, before: float) -> Array:
+        """How far each row is from its bound: at ``points`` (N+2, 3), with limits' ``margins`` (N+2, each) there."""
+        torques = points[:-1, 2]
+        values = (torques, np.diff(torques, prepend=before))
+        parts = [margins.ravel()]
+        for value, most in zip((v for v, on in zip(values, self.limited, strict=True) if on), self.reach, strict=True):
+            parts += [most - value / self.size, most + value / self.size]
+        return np.concatenate([*parts, [0.0]])

@@ -1,0 +1,152 @@
+"""CoP-constrained linear MPC: the prediction of ``problems.prediction`` as a small QP.
+
+minimise    over the deviation from the LQR response          the same cost, quadratic
+subject to  the same limits, linearised about the stationary posture, in the first step about the state itself
+
+*Rows.* A ``Limit`` is linearised with its own CasADi function; f_y depends on the torque through theta'' (7), and so do
+F_T and F_H beyond their -+tau/(2 ell). In the first step they are affine in the torque as they stand, and exact.
+*Coordinates.* Those of ``problems.flat``: N + 1 unknowns, no equalities, banded. *Shortcut.* Where the LQR response
+keeps every limit it is the optimum, and no QP is solved. *Model.* A is taken from a grid of half a per cent; theta_f is
+exact, so that nothing is offset at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from design.analysis.observer import Belief
+from design.model.buffered import Buffered
+from design.solvers.conic import Clarabel, Cone, ConicProgram
+from design.solvers.outcome import Outcome, Status
+from problems.flat import Pattern, bands, with_end
+from problems.prediction import PENALTY, Horizon, posture, stationary
+from problems.receding import Plan
+
+Array = NDArray[np.float64]
+
+GRID = 0.005
+"""Ratio between neighbouring values of A for which a model is built."""
+BROKEN = 1e-6
+"""How far a row of the answer may be broken, by its scale."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinearPlanner:
+    """Plans with the QP; ``shortcut`` is whether the LQR response is taken without solving where it is the optimum."""
+
+    horizon: Horizon
+    shortcut: bool = True
+
+    def plan(self, t: float, belief: Belief, before: float, previous: Plan | None) -> Outcome[Plan]:
+        """See ``problems.receding.Planner``."""
+        A, theta_f = stationary(self.horizon.biped, belief.F_x, belief.F_y)
+        steps = round(np.log(max(A / self.horizon.biped.weight, 1e-3)) / GRID)
+        return _program(self.horizon, steps).plan(t, belief, theta_f, before, shortcut=self.shortcut)
+
+
+@lru_cache(maxsize=64)
+def _program(horizon: Horizon, steps: int) -> _Program:
+    return _Program(horizon, horizon.biped.weight * float(np.exp(GRID * steps)))
+
+
+class _Program:
+    """The QP for one value of A: what does not change from step to step, built once."""
+
+    def __init__(self, horizon: Horizon, A: float) -> None:
+        tuning, biped = horizon.tuning, horizon.biped
+        self._horizon, self._model, self._count = horizon, posture(biped, tuning, A), tuning.horizon
+        model, N = self._model, self._count
+        self._bands = bands(model, N)
+        closed = model.Ad - np.outer(model.Bd, model.K)
+        response = [np.eye(2)]
+        for _ in range(N):
+            response.append(closed @ response[-1])
+        states = np.array(response)
+        self._response = with_end(model, states[:, 0], states[:, 1], -(model.K @ states[:N]))
+        self._limits = Buffered(_linearised(horizon))
+        each = sum(limit.quantity.size1_out(0) for limit, _ in horizon.rows)
+        self._pattern = Pattern(self._bands, each, horizon.actuator, tuning.step, biped.weight * biped.ell)
+        self._q = np.append(np.zeros(N), PENALTY)
+        matrix = self._pattern.matrix()
+        cones = [Cone("nonnegative", matrix.shape[0])]
+        program = ConicProgram(P=self._cost(), q=self._q, A=matrix, b=np.zeros(matrix.shape[0]), cones=cones)
+        self._solver = Clarabel(program, tolerance=1e-7, seconds=1.0)
+
+    def _cost(self) -> sp.csc_matrix:
+        model, N, along = self._model, self._count, self._bands
+        cost = along.e[:N].T @ along.e[:N] + model.R * along.tau.T @ along.tau
+        cost += model.Q[1, 1] * along.omega[:N].T @ along.omega[:N]
+        end = np.vstack([along.e[N], along.omega[N]])
+        cost += end.T @ model.P @ end
+        whole = np.zeros((N + 1, N + 1))
+        whole[:N, :N] = cost + cost.T
+        return sp.csc_matrix(whole)
+
+    def plan(self, t: float, belief: Belief, theta_f: float, before: float, *, shortcut: bool) -> Outcome[Plan]:
+        """Pose the numbers of this step, solve, recheck."""
+        N, along = self._count, self._bands
+        F = np.array([belief.F_x, belief.F_y])
+        now = self._limits(np.array([belief.theta, belief.omega]), before, F)[0].copy()
+        there = self._limits(np.array([theta_f, 0.0]), 0.0, F)[0]
+        here = np.array([belief.theta - theta_f, belief.omega])
+        if belief.ahead is None:
+            points, q = self._response @ here, self._q
+            margins = points @ there[:, 1:].T + there[:, 0]
+        else:
+            points, q = self._foreseen(belief.ahead, theta_f, here)
+            levels = [self._limits(np.array([theta_f, 0.0]), 0.0, force)[0][:, 0].copy() for force in belief.ahead.T]
+            margins = points @ there[:, 1:].T + np.array([*levels, levels[-1]])
+        margins[0] = now[:, 0] + now[:, 1:] @ (points[0] - [*here, before])
+        b = self._pattern.room(points, margins, before)
+        y, detail = np.zeros(N), "LQR's response keeps every limit"
+        if not (shortcut and belief.ahead is None and b.min() >= 0):
+            self._solver.update(q=q, A=self._pattern.entries(now[:, 1:], there[:, 1:]), b=b)
+            answer = self._solver.solve()
+            detail = f"Clarabel: {answer.said}"
+            if not answer.solved:
+                return Outcome(status=Status.STALLED, detail=detail)
+            if (self._solver.product(answer.x) - b).max() > BROKEN:
+                return Outcome(status=Status.DISAGREEMENT, detail=f"{detail}, but a row is broken")
+            y = answer.x[:N]
+        states = np.empty((2, N + 1))
+        states[:, :N], states[:, N] = points[:N, :2].T, points[N, :2]
+        states[0] += theta_f + along.e @ y
+        states[1] += along.omega @ y
+        torque = points[:N, 2] + along.tau @ y
+        plan = Plan(start=t, step=self._horizon.tuning.step, torque=torque, states=states)
+        return Outcome(status=Status.SOLVED, detail=detail, found=plan)
+
+    def _foreseen(self, ahead: Array, theta_f: float, here: Array) -> tuple[Array, Array]:
+        """For a force that changes: the points of a response (N+2, 3), and the cost's gradient there (N+1,)."""
+        biped, model, N, along = self._horizon.biped, self._model, self._count, self._bands
+        goal = np.arctan2(-ahead[0], biped.M * biped.g - ahead[1]) - theta_f
+        change = ahead - ahead[:, :1]
+        turning = biped.L * (change[0] * np.cos(theta_f) - change[1] * np.sin(theta_f))  # as a torque [N m]
+        push = 0.5 * (turning[:-1] + turning[1:])
+        states, torque = np.empty((N + 1, 2)), np.empty(N)
+        states[0] = here
+        for k in range(N):
+            torque[k] = -model.K @ (states[k] - [goal[k], 0.0])
+            states[k + 1] = model.Ad @ states[k] + model.Bd * (torque[k] + push[k])
+        away, omega = states[:, 0] - goal, states[:, 1]
+        end = model.P @ [away[N], omega[N]]
+        gradient = along.e[:N].T @ away[:N] + model.Q[1, 1] * along.omega[:N].T @ omega[:N]
+        gradient += model.R * along.tau.T @ torque + along.e[N] * end[0] + along.omega[N] * end[1]
+        points = with_end(model, states[:, 0], omega, torque, float(goal[N]))
+        return points, np.append(2 * gradient, PENALTY)
+
+
+def _linearised(horizon: Horizon) -> ca.Function:
+    """(x, tau, F) -> each limit component's margin, and its slopes in theta, omega and tau, by its scale."""
+    x, tau, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("F", 2)
+    margins = ca.vertcat(
+        *[limit.margin(limit.quantity(x, tau, F), level) / limit.scale for limit, level in horizon.rows]
+    )
+    table = ca.horzcat(margins, ca.densify(ca.jacobian(margins, ca.vertcat(x, tau))))
+    return ca.Function("linearised", [x, tau, F], [ca.densify(table)], {"cse": True})

@@ -68,8 +68,14 @@ class _Program:
         for _ in range(N):
             response.append(closed @ response[-1])
         states = np.array(response)
+        self._free = states
         self._response = with_end(model, states[:, 0], states[:, 1], -(model.K @ states[:N]))
-        self._limits = Buffered(_linearised(horizon))
+        self._pushed = np.zeros((N + 1, 2, N))  # what an extra torque at one step does to the states after it
+        for k in range(N):
+            self._pushed[k + 1 :, :, k] = states[: N - k] @ model.Bd
+        linearised = _linearised(horizon)
+        self._limits = Buffered(linearised)
+        self._levels = Buffered(_levels(linearised, N + 1))
         each = sum(limit.quantity.size1_out(0) for limit, _ in horizon.rows)
         self._pattern = Pattern(self._bands, each, horizon.actuator, tuning.step, biped.weight * biped.ell)
         self._q = np.append(np.zeros(N), PENALTY)
@@ -100,8 +106,8 @@ class _Program:
             margins = points @ there[:, 1:].T + there[:, 0]
         else:
             points, q = self._foreseen(belief.ahead, theta_f, here)
-            levels = [self._limits(np.array([theta_f, 0.0]), 0.0, force)[0][:, 0].copy() for force in belief.ahead.T]
-            margins = points @ there[:, 1:].T + np.array([*levels, levels[-1]])
+            levels = self._levels(np.array([theta_f, 0.0]), 0.0, belief.ahead)[0].T
+            margins = points @ there[:, 1:].T + np.vstack([levels, levels[-1:]])
         margins[0] = now[:, 0] + now[:, 1:] @ (points[0] - [*here, before])
         b = self._pattern.room(points, margins, before)
         y, detail = np.zeros(N), "LQR's response keeps every limit"
@@ -129,11 +135,9 @@ class _Program:
         change = ahead - ahead[:, :1]
         turning = biped.L * (change[0] * np.cos(theta_f) - change[1] * np.sin(theta_f))  # as a torque [N m]
         push = 0.5 * (turning[:-1] + turning[1:])
-        states, torque = np.empty((N + 1, 2)), np.empty(N)
-        states[0] = here
-        for k in range(N):
-            torque[k] = -model.K @ (states[k] - [goal[k], 0.0])
-            states[k + 1] = model.Ad @ states[k] + model.Bd * (torque[k] + push[k])
+        lead = model.K[0] * goal[:N]
+        states = self._free @ here + self._pushed @ (push + lead)
+        torque = lead - states[:N] @ model.K
         away, omega = states[:, 0] - goal, states[:, 1]
         end = model.P @ [away[N], omega[N]]
         gradient = along.e[:N].T @ away[:N] + model.Q[1, 1] * along.omega[:N].T @ omega[:N]
@@ -150,3 +154,10 @@ def _linearised(horizon: Horizon) -> ca.Function:
     )
     table = ca.horzcat(margins, ca.densify(ca.jacobian(margins, ca.vertcat(x, tau))))
     return ca.Function("linearised", [x, tau, F], [ca.densify(table)], {"cse": True})
+
+
+def _levels(linearised: ca.Function, count: int) -> ca.Function:
+    """(x, tau, F (2, count)) -> the margins at each force (each, count)."""
+    x, tau, F = ca.MX.sym("x", 2), ca.MX.sym("tau"), ca.MX.sym("F", 2, count)
+    table = linearised.map(count)(ca.repmat(x, 1, count), ca.repmat(tau, 1, count), F)
+    return ca.Function("levels", [x, tau, F], [table[:, 0::4]])

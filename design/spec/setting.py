@@ -181,9 +181,15 @@ def _scenario(biped: Biped, table: AnyScenario) -> Scenario:
 
 def _tuning(table: MpcTable) -> Tuning:
     return Tuning(
-        step=table.step_s, horizon=table.horizon, rate=table.rate_weight, torque=table.torque_weight,
-        contact=table.contact_margin_percent / 100, walk=table.force_walk_n_per_sqrt_s, real_time=table.real_time_iteration,
-    )  # fmt: skip
+        step=table.step_s,
+        horizon=table.horizon,
+        rate=table.rate_weight,
+        torque=table.torque_weight,
+        contact=table.contact_margin_percent / 100,
+        preview_torque=table.preview_torque_weight,
+        walk=table.force_walk_percent_per_sqrt_s / 100,
+        real_time=table.real_time_iteration,
+    )
 
 
 def _sensors(table: NoiseTable) -> Sensors:

@@ -28,8 +28,11 @@ class MpcTable(Table):
     contact_margin_percent: Number = Field(
         default=1.0, ge=0, le=100, description="toe and heel force planned above what is required [% of the weight]"
     )
-    force_walk_n_per_sqrt_s: Annotated[Number, Field(gt=0, le=1e6)] = Field(
-        default=200.0, description="how fast the observer lets the external force change [N/√s]"
+    preview_torque_weight: Annotated[Number, Field(ge=1e-9, le=1e6)] = Field(
+        default=100.0, description="torque_weight of mpc-preview: who sees the future need not hurry"
+    )
+    force_walk_percent_per_sqrt_s: Annotated[Number, Field(gt=0, le=1e4)] = Field(
+        default=1.0, description="how fast the observer lets the external force change [% of the weight per √s]"
     )
     real_time_iteration: bool = Field(
         default=False, description="nonlinear: one iteration a period from the previous plan, instead of to convergence"

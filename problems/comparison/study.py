@@ -1,0 +1,185 @@
+"""Every controller through every scenario, trial by trial, wherever an executor runs them.
+
+A ``Task`` is plain data; the worker rebuilds the problem from the spec's text. Its row depends on the task alone, not
+on which worker ran it, on the order, or on what ran before. A trial that fails is a row that says so; one that takes
+its worker with it is tried once more alone, and is a row then.
+"""
+
+from __future__ import annotations
+
+import threading
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from design.errors import BadInput
+from design.model.laws import Gains
+from design.spec.load import parse
+from design.spec.setting import Setting, setting
+from problems.comparison.controllers import actuator, controller
+from problems.comparison.measures import measures, trace
+from problems.comparison.survival import DISTURBANCES, survived
+from problems.comparison.trial import World, run
+
+Row = dict[str, Any]
+
+_ONE_AT_A_TIME = threading.Lock()
+"""A worker may have threads, as dask's do; solvers and buffers are built for one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """All that a worker needs to know of a study; plain data. ``gains`` by controller, where it is a law."""
+
+    text: str
+    seed: int
+    gains: tuple[tuple[str, Gains], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """One row to be: a ``trial`` of a controller in a scenario, or (``trial`` None) the disturbance it survives."""
+
+    controller: str
+    scenario: str
+    trial: int | None
+
+    @property
+    def key(self) -> tuple[str, str, int]:
+        """What tells rows apart, and orders them."""
+        return (self.controller, self.scenario, -1 if self.trial is None else self.trial)
+
+
+def tasks(problem: Setting, controllers: Iterable[str], trials: int) -> list[Task]:
+    """All rows of a study; trial by trial, so that every controller has as many when it is interrupted."""
+    names = list(controllers)
+    return [Task(controller=name, scenario=what, trial=None) for what in DISTURBANCES for name in names] + [
+        Task(controller=name, scenario=scenario.name, trial=k)
+        for k in range(trials)
+        for scenario in problem.scenarios
+        for name in names
+    ]
+
+
+def key_of(row: Row) -> tuple[str, str, int]:
+    """The key of the task that a row came from."""
+    return (row["controller"], row["scenario"], -1 if row["trial"] is None else row["trial"])
+
+
+def check(problem: Setting) -> None:
+    """Raise ``BadInput`` for what a study cannot do."""
+    period = problem.study.control_period_s
+    periods = problem.sensors.delay / period
+    if abs(periods - round(periods)) > 1e-6:
+        message = f"is {problem.sensors.delay:g}; needs a multiple of study.control_period_s = {period:g}"
+        raise BadInput(message, key="noise.delay_s")
+    for scenario in problem.scenarios:
+        if scenario.duration < period:
+            message = (
+                f"lasts {scenario.duration:g} s, less than study.control_period_s = {period:g}; shorten the period"
+            )
+            raise BadInput(message, key=f"scenario {scenario.name}")
+
+
+def world(problem: Setting, scenario: str, trial: int, seed: int) -> World:
+    """The body, the world and the noise of a ``trial``; the same for every controller."""
+    stream = [seed, zlib.crc32(scenario.encode()), trial]
+    shares = np.random.default_rng([*stream, 0]).uniform(-1.0, 1.0, 7)
+    biped, real = problem.tolerances.drawn(problem.biped, problem.scenario(scenario), shares.tolist())
+    periods = max(1, round(real.duration / problem.study.control_period_s))
+    noise = None if problem.sensors.exact else np.random.default_rng([*stream, 1]).standard_normal((periods, 4))
+    return World(biped=biped, scenario=real, sensors=problem.sensors, draws=noise)
+
+
+@lru_cache(maxsize=4)
+def _problem(text: str) -> Setting:
+    return setting(parse(text, origin="study").spec)
+
+
+def perform(case: Case, task: Task) -> Row:
+    """The row of ``task``; runs in a worker. Never raises for what a controller does."""
+    with _ONE_AT_A_TIME:
+        return _perform(case, task)
+
+
+def _perform(case: Case, task: Task) -> Row:
+    problem = _problem(case.text)
+    gains = dict(case.gains).get(task.controller)
+    head = {"controller": task.controller, "scenario": task.scenario, "trial": task.trial}
+    if task.trial is None:
+        return {**head, **survived(task.scenario, task.controller, problem, gains)}
+    real = world(problem, task.scenario, task.trial, case.seed)
+    control = controller(task.controller, problem, gains, real.scenario)
+    happened = run(real, control, actuator(problem), problem.step)
+    row = {**head, **measures(real, happened)}
+    return {**row, "trace": trace(happened)} if task.trial == 0 else row
+
+
+def study(case: Case, todo: Iterable[Task], executor: Callable[[], Executor], window: int) -> Iterator[Row]:
+    """The rows of ``todo`` as they end; ``window`` tasks are with the ``executor`` at a time."""
+    waiting = list(reversed(list(todo)))
+    pool = executor()
+    flying: dict[Future[Row], Task] = {}
+    try:
+        while waiting or flying:
+            while waiting and len(flying) < window:
+                task = waiting.pop()
+                flying[pool.submit(perform, case, task)] = task
+            done, _ = wait(flying, return_when=FIRST_COMPLETED)
+            broken: list[Task] = []
+            for future in done:
+                task = flying.pop(future)
+                row = _row(future, task)
+                if row is None:
+                    broken.append(task)
+                else:
+                    yield row
+            if broken:  # the pool is gone, and with it all that was under way
+                broken += flying.values()
+                flying.clear()
+                pool.shutdown(wait=False, cancel_futures=True)
+                for task in broken:
+                    yield _alone(case, task, executor)
+                pool = executor()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _alone(case: Case, task: Task, executor: Callable[[], Executor]) -> Row:
+    with executor() as pool:
+        row = _row(pool.submit(perform, case, task), task)
+    return row or _no_row(task, "crashed", "its worker ended, twice")
+
+
+def _row(future: Future[Row], task: Task) -> Row | None:
+    """What came of a task; None if its worker is gone."""
+    try:
+        return future.result()
+    except BrokenExecutor:
+        return None
+    except Exception as error:
+        return _no_row(task, "failed", f"{type(error).__name__}: {error}"[:200])
+
+
+def _no_row(task: Task, status: str, why: str) -> Row:
+    return {
+        "controller": task.controller,
+        "scenario": task.scenario,
+        "trial": task.trial,
+        "status": status,
+        "why": why,
+    }
+
+
+def with_options(
+    problem: Setting, *, trials: int | None, seed: int | None, controllers: list[str] | None
+) -> tuple[Setting, list[str] | None]:
+    """The study of the spec with what the command line changes, and the controllers that are asked for."""
+    changed = {name: value for name, value in (("trials", trials), ("seed", seed)) if value is not None}
+    table = problem.study.model_copy(update=changed)
+    return replace(problem, study=table), controllers or (list(table.controllers) if table.controllers else None)

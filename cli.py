@@ -191,6 +191,51 @@ def report(
 
 
 @app.command()
+def study(
+    spec: SpecArgument,
+    controllers: Annotated[
+        str | None,
+        typer.Option(
+            "--controllers",
+            metavar="A,B,...",
+            help="Of: pd, force, cop (with the spec's gains), each with -synthesized (with the best ones), mpc, nmpc,"
+            " mpc-oracle (knows the force), mpc-preview (and its future). Left out: all.",
+        ),
+    ] = None,
+    trials: Annotated[int | None, typer.Option("--trials", min=1, help="Trials of each controller.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of noise and uncertainty.")] = None,
+    jobs: Annotated[int | None, typer.Option("--jobs", min=1, max=1024, help="Worker processes.")] = None,
+    dask: Annotated[str | None, typer.Option("--dask", metavar="ADDRESS", help="Run on this dask cluster.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the study in the folder of -o.")] = False,
+    format: Annotated[Literal["text", "json"], typer.Option("--format", help="Form of the output.")] = "text",
+    output: Annotated[
+        str | None, typer.Option("-o", "--output", metavar="FOLDER", help="Keep trials and reports in this folder.")
+    ] = None,
+    strict: Strict = False,
+) -> None:
+    """Compare the paper's laws with predictive controllers, trial by trial in the same world and noise."""
+    from design.present import opening, terminal
+
+    source, problem = opening.opened(spec, strict=strict)
+    from design.present import store, study_folder, study_text
+    from problems.comparison import conduct as question
+
+    names = [name.strip() for name in controllers.split(",")] if controllers else None
+    problem, names = question.with_options(problem, trials=trials, seed=seed, controllers=names)
+    study_folder.check(output, resume=resume)
+    with terminal.progress() as say, terminal.terminated_like_interrupted(), study_folder.kept(output):
+        found = question.conduct(
+            source, problem, names, folder=output, resume=resume, jobs=jobs or terminal.cores(), dask=dask, say=say
+        )
+    document = store.document("study", source, **question.facts(found, problem))
+    if output:
+        study_folder.write(output, document, found.rows)
+    paint = terminal.painter_for_output()
+    terminal.deliver(store.dumps(document) if format == "json" else study_text.as_text(document, paint), None)
+    raise typer.Exit(MET if document["status"] == "complete" else UNDECIDED)
+
+
+@app.command()
 def explain(row: Annotated[str, typer.Argument(metavar="ROW", help="A row's id, as in the report.")]) -> None:
     """Explain a row of the report: what it says, why it matters, its formula, how to improve it."""
     from design.present import terminal
@@ -240,16 +285,10 @@ def main() -> None:
         terminal.note("poise: interrupted")
         code = INTERRUPTED
     except Exception as error:
-        show = getattr(error, "show", None)
-        if show is not None:  # wrong usage, in the words of the command line's library
-            show()
-            code = BAD
-        elif debug:
+        if debug and not terminal.is_usage(error):
             raise
-        else:
-            said = " ".join(str(error).split())[:200]
-            terminal.note(f"poise: internal error: {type(error).__name__}: {said}; rerun with --debug")
-            code = BAD
+        terminal.failed(error)
+        code = BAD
     sys.exit(code if isinstance(code, int) else MET)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,6 +22,20 @@ def out(text: str) -> None:
 def note(text: str) -> None:
     """A line beside the result."""
     sys.stderr.write(text + "\n")
+
+
+def is_usage(error: Exception) -> bool:
+    """Whether it is wrong usage, which the command line's library words itself."""
+    return hasattr(error, "show")
+
+
+def failed(error: Exception) -> None:
+    """One line for wrong usage or an internal error."""
+    if is_usage(error):
+        error.show()  # type: ignore[attr-defined]
+        return
+    said = " ".join(str(error).split())[:200]
+    note(f"poise: internal error: {type(error).__name__}: {said}; rerun with --debug")
 
 
 def deliver(result: str, output: str | None) -> None:
@@ -55,3 +70,24 @@ def progress() -> Iterator[Callable[[str], None]]:
     finally:
         if live:
             sys.stderr.write("\r\033[K")
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0)) or 1
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def terminated_like_interrupted() -> Iterator[None]:
+    """A SIGTERM, as a cluster sends it, ends the work as Ctrl-C does, with exit code 143."""
+
+    def stop(number: int, frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -68,8 +68,8 @@ def _controller(rows: Sequence[Row]) -> dict[str, Any]:
 def against(rows: Sequence[Row], name: str, reference: str) -> dict[str, Any]:
     """Differences ``name`` - ``reference`` over the trials that both have: mean, 95 % interval, number of pairs.
 
-    A measure counts only where both trials have it; a lost trial has no settling. ``lost`` is the difference of the
-    shares of trials that lost contact.
+    The smallest contact force counts in every pair (a lost trial has what it had when it ended); the other measures
+    only where both kept contact to the end. ``lost`` is the difference of the shares of trials that lost contact.
     """
     ours, theirs = (
         {
@@ -82,7 +82,8 @@ def against(rows: Sequence[Row], name: str, reference: str) -> dict[str, Any]:
     pairs = [(ours[key], theirs[key]) for key in sorted(ours.keys() & theirs.keys())]
     found = {}
     for measure in PAIRED:
-        both = [(a.get(measure), b.get(measure)) for a, b in pairs]
+        of = [pair for pair in pairs if measure == "contact_force_n" or all(row["status"] == "kept" for row in pair)]
+        both = [(a.get(measure), b.get(measure)) for a, b in of]
         found[measure] = interval(np.array([a - b for a, b in both if a is not None and b is not None], dtype=float))
     lost = [(a["status"] in ("lost", "fallen")) - (b["status"] in ("lost", "fallen")) for a, b in pairs]
     found["lost"] = interval(np.array(lost, dtype=float))

@@ -22,7 +22,13 @@ DOORS = {
     "matplotlib": {"design/present/plots.py"},
     "clarabel": {"design/solvers/conic.py"},
     "typer": {"cli.py"},
-    "pydantic": {"design/spec/schema.py", "design/spec/load.py", "design/spec/faults.py"},
+    "pydantic": {
+        "design/spec/schema.py",
+        "design/spec/fields.py",
+        "design/spec/study_tables.py",
+        "design/spec/load.py",
+        "design/spec/faults.py",
+    },
 }
 
 

@@ -32,7 +32,9 @@ Array = NDArray[np.float64]
 
 GRID = 0.005
 """Ratio between neighbouring values of A for which a model is built."""
-BROKEN = 1e-6
+UNIT = 1e4
+"""Factor on the QP's objective: costs near rest are tiny, and Clarabel's tolerances are absolute too."""
+BROKEN = 1e-5
 """How far a row of the answer may be broken, by its scale."""
 
 
@@ -78,7 +80,7 @@ class _Program:
         self._levels = Buffered(_levels(linearised, N + 1))
         each = sum(limit.quantity.size1_out(0) for limit, _ in horizon.rows)
         self._pattern = Pattern(self._bands, each, horizon.actuator, tuning.step, biped.weight * biped.ell)
-        self._q = np.append(np.zeros(N), PENALTY)
+        self._q = np.append(np.zeros(N), UNIT * PENALTY)
         matrix = self._pattern.matrix()
         cones = [Cone("nonnegative", matrix.shape[0])]
         program = ConicProgram(P=self._cost(), q=self._q, A=matrix, b=np.zeros(matrix.shape[0]), cones=cones)
@@ -91,7 +93,7 @@ class _Program:
         end = np.vstack([along.e[N], along.omega[N]])
         cost += end.T @ model.P @ end
         whole = np.zeros((N + 1, N + 1))
-        whole[:N, :N] = cost + cost.T
+        whole[:N, :N] = UNIT * (cost + cost.T)
         return sp.csc_matrix(whole)
 
     def plan(self, t: float, belief: Belief, theta_f: float, before: float, *, shortcut: bool) -> Outcome[Plan]:
@@ -143,7 +145,7 @@ class _Program:
         gradient = along.e[:N].T @ away[:N] + model.Q[1, 1] * along.omega[:N].T @ omega[:N]
         gradient += model.R * along.tau.T @ torque + along.e[N] * end[0] + along.omega[N] * end[1]
         points = with_end(model, states[:, 0], omega, torque, float(goal[N]))
-        return points, np.append(2 * gradient, PENALTY)
+        return points, UNIT * np.append(2 * gradient, PENALTY)
 
 
 def _linearised(horizon: Horizon) -> ca.Function:

@@ -147,6 +147,6 @@ def _at_rest(biped: Biped) -> tuple[float, float]:
 
 
 def _lost(along: Array, u: Array, start: float) -> tuple[float, str]:
-    """When the first step with a negative force begins, and at which end of the foot it is."""
-    at = int(np.argmin(~(along[:2] < 0).any(axis=0)))
-    return start + float(u[0, :at].sum()), "toe" if along[0, at] < 0 else "heel"
+    """The end of the first step with a negative force, and the end of the foot that lifts."""
+    at = int(np.argmax((along[:2] < 0).any(axis=0)))
+    return start + float(u[0, : at + 1].sum()), "toe" if along[0, at] < 0 else "heel"

@@ -32,8 +32,9 @@ Array = NDArray[np.float64]
 
 GRID = 0.005
 """Ratio between neighbouring values of A for which a model is built."""
-UNIT = 1e4
-"""Factor on the QP's objective: costs near rest are tiny, and Clarabel's tolerances are absolute too."""
+CURVATURE = 1e6
+"""The objective is scaled until torque curves it this much: near rest costs are tiny, and Clarabel's tolerances are
+absolute as well as relative."""
 BROKEN = 1e-5
 """How far a row of the answer may be broken, by its scale."""
 
@@ -80,7 +81,8 @@ class _Program:
         self._levels = Buffered(_levels(linearised, N + 1))
         each = sum(limit.quantity.size1_out(0) for limit, _ in horizon.rows)
         self._pattern = Pattern(self._bands, each, horizon.actuator, tuning.step, biped.weight * biped.ell)
-        self._q = np.append(np.zeros(N), UNIT * PENALTY)
+        self._unit = CURVATURE / (model.R * np.abs(self._bands.tau).max() ** 2)
+        self._q = self._unit * np.append(np.zeros(N), PENALTY)
         matrix = self._pattern.matrix()
         cones = [Cone("nonnegative", matrix.shape[0])]
         program = ConicProgram(P=self._cost(), q=self._q, A=matrix, b=np.zeros(matrix.shape[0]), cones=cones)
@@ -93,7 +95,7 @@ class _Program:
         end = np.vstack([along.e[N], along.omega[N]])
         cost += end.T @ model.P @ end
         whole = np.zeros((N + 1, N + 1))
-        whole[:N, :N] = UNIT * (cost + cost.T)
+        whole[:N, :N] = self._unit * (cost + cost.T)
         return sp.csc_matrix(whole)
 
     def plan(self, t: float, belief: Belief, theta_f: float, before: float, *, shortcut: bool) -> Outcome[Plan]:
@@ -145,7 +147,7 @@ class _Program:
         gradient = along.e[:N].T @ away[:N] + model.Q[1, 1] * along.omega[:N].T @ omega[:N]
         gradient += model.R * along.tau.T @ torque + along.e[N] * end[0] + along.omega[N] * end[1]
         points = with_end(model, states[:, 0], omega, torque, float(goal[N]))
-        return points, UNIT * np.append(2 * gradient, PENALTY)
+        return points, self._unit * np.append(2 * gradient, PENALTY)
 
 
 def _linearised(horizon: Horizon) -> ca.Function:

@@ -62,7 +62,8 @@ def controller(name: str, setting: Setting, gains: Gains | None, scenario: Scena
         planner=_planner(name == "nmpc", prediction(setting, preview=name == "mpc-preview")),
         informant=informant,
         actuator=ankle,
-        fallback=fallback(setting),
+        feedback=_lqr(setting),
+        fallback=setting.gains or Gains(*_lqr(setting), 0.0),
         delay=informant.delay,
     )
 
@@ -76,12 +77,10 @@ def prediction(setting: Setting, *, preview: bool = False) -> Horizon:
     return horizon(setting.biped, tuning, actuator(setting), setting.required)
 
 
-def fallback(setting: Setting) -> Gains:
-    """Gains of law (20) for steps without a plan: the spec's, or LQR's about the upright posture."""
-    if setting.gains is not None:
-        return setting.gains
+def _lqr(setting: Setting) -> tuple[float, float]:
+    """K_p and K_d of LQR about the upright posture."""
     upright = posture(setting.biped, setting.tuning, setting.biped.M * setting.biped.g)
-    return Gains(float(upright.K[0]), float(upright.K[1]), 0.0)
+    return float(upright.K[0]), float(upright.K[1])
 
 
 @lru_cache(maxsize=4)

@@ -7,6 +7,7 @@ its worker with it is tried once more alone, and is a row then.
 
 from __future__ import annotations
 
+import math
 import threading
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -91,7 +92,7 @@ def world(problem: Setting, scenario: str, trial: int, seed: int) -> World:
     stream = [seed, zlib.crc32(scenario.encode()), trial]
     shares = np.random.default_rng([*stream, 0]).uniform(-1.0, 1.0, 7)
     biped, real = problem.tolerances.drawn(problem.biped, problem.scenario(scenario), shares.tolist())
-    periods = max(1, round(real.duration / problem.study.control_period_s))
+    periods = max(1, math.ceil(real.duration / problem.study.control_period_s - 1e-6))
     noise = None if problem.sensors.exact else np.random.default_rng([*stream, 1]).standard_normal((periods, 4))
     return World(biped=biped, scenario=real, sensors=problem.sensors, draws=noise)
 

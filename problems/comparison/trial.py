@@ -68,7 +68,7 @@ class Course:
 
 def course(scenario: Scenario, period: float, step: float) -> Course:
     """Control periods of ``period`` [s] in steps of at most ``step`` [s]; none crosses a corner of the force."""
-    count = max(1, round(scenario.duration / period))
+    count = max(1, math.ceil(scenario.duration / period - 1e-6))
     t = np.asarray(period * np.arange(count))
     inner = max(1, math.ceil(period / step - 1e-9))
     fine = scenario.steps_at(np.asarray(period / inner * np.arange(count * inner + 1)))

@@ -142,13 +142,20 @@ def study(case: Case, todo: Iterable[Task], executor: Callable[[], Executor], wi
                     yield row
             if broken:  # the pool is gone, and with it all that was under way
                 broken += flying.values()
+                _close(pool, flying)
                 flying.clear()
-                pool.shutdown(wait=False, cancel_futures=True)
                 for task in broken:
                     yield _alone(case, task, executor)
                 pool = executor()
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        _close(pool, flying)
+
+
+def _close(pool: Executor, flying: Iterable[Future[Row]]) -> None:
+    """End ``pool`` without waiting; what has not begun never does."""
+    for future in flying:
+        future.cancel()
+    pool.shutdown(wait=False)
 
 
 def _alone(case: Case, task: Task, executor: Callable[[], Executor]) -> Row:

@@ -1,10 +1,10 @@
 """Nonlinear programs: a posed record, and IPOPT.
 
-minimise f(x) over x, subject to lower <= g(x) <= upper and x_lower <= x <= x_upper. Derivatives are CasADi's, exact to
-second order. IPOPT's "acceptable" level is switched off, its bounds are not relaxed, where a tolerance of
-1e-9 or less is asked for, constraints are held far tighter still (one more Newton step; the roots of a polynomial feel
-its coefficients' last digits), and what it returns is measured
-again here: the largest violation, and the stationarity of the Lagrangian with its multipliers.
+minimise f(x) over x, subject to lower <= g(x) <= upper and x_lower <= x <= x_upper; f and g may hold parameters p.
+Derivatives are CasADi's, exact to second order. IPOPT's "acceptable" level is switched off, its bounds are not relaxed,
+where a tolerance of 1e-9 or less is asked for, constraints are held far tighter still (one more Newton step; the roots
+of a polynomial feel its coefficients' last digits), and what it returns is measured again here: the largest violation,
+and the stationarity of the Lagrangian with its multipliers.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Nlp:
-    """A posed program: CasADi expressions ``x`` (n), ``f`` (scalar), ``g`` (r), and numeric bounds."""
+    """A posed program: CasADi expressions ``x`` (n), ``f`` (scalar), ``g`` (r), parameters ``p``; numeric bounds."""
 
     x: Any
     f: Any
@@ -35,6 +35,7 @@ class Nlp:
     x_upper: Array
     lower: Array
     upper: Array
+    p: Any = None
 
     def __post_init__(self) -> None:
         sizes = {
@@ -116,7 +117,8 @@ class Ipopt:
     def _built(self, **more: float) -> Any:
         program = self._program
         options = {**self._options, **{f"ipopt.{key}": value for key, value in more.items()}}
-        return ca.nlpsol("ipopt", "ipopt", {"x": program.x, "f": program.f, "g": program.g}, options)
+        posed = {"x": program.x, "f": program.f, "g": program.g, **({} if program.p is None else {"p": program.p})}
+        return ca.nlpsol("ipopt", "ipopt", posed, options)
 
     @cached_property
     def _cold(self) -> Any:
@@ -126,17 +128,21 @@ class Ipopt:
     def _warm(self) -> Any:
         return self._built(mu_init=1e-7, bound_push=1e-8, bound_frac=1e-8, slack_bound_push=1e-8, slack_bound_frac=1e-8)
 
-    def solve(self, start: Array, *, near: bool = False) -> NlpAnswer:
-        """Run from ``start`` (n); ``near`` says that it is close to an optimum."""
+    def build(self) -> None:
+        """Build now what the first ``solve`` would build."""
+        _ = self._cold
+
+    def solve(self, start: Array, *, near: bool = False, p: Array | tuple[()] = ()) -> NlpAnswer:
+        """Run from ``start`` (n) for the parameters ``p``; ``near`` says that it is close to an optimum."""
         program = self._program
         solver = self._warm if near else self._cold
         start = np.clip(start, program.x_lower, program.x_upper)
         with _interruptible():
-            raw = solver(x0=start, lbx=program.x_lower, ubx=program.x_upper, lbg=program.lower, ubg=program.upper)
+            raw = solver(x0=start, p=p, lbx=program.x_lower, ubx=program.x_upper, lbg=program.lower, ubg=program.upper)
         stats = solver.stats()
         x, g = raw["x"].full().ravel(), raw["g"].full().ravel()
         x_multiplier, multiplier = raw["lam_x"].full().ravel(), raw["lam_g"].full().ravel()
-        violation, stationarity = self._residuals(solver, x, x_multiplier, multiplier)
+        violation, stationarity = self._residuals(solver, x, x_multiplier, multiplier, p)
         allowed = 10 * self._tolerance
         scale = 1 + max(np.abs(multiplier).max(initial=0.0), np.abs(x_multiplier).max(initial=0.0))
         good = violation <= allowed and stationarity <= 1e3 * allowed * scale
@@ -146,11 +152,13 @@ class Ipopt:
             stationarity=stationarity, iterations=int(stats["iter_count"]),
         )  # fmt: skip
 
-    def _residuals(self, solver: Any, x: Array, x_multiplier: Array, multiplier: Array) -> tuple[float, float]:
+    def _residuals(
+        self, solver: Any, x: Array, x_multiplier: Array, multiplier: Array, p: Array | tuple[()]
+    ) -> tuple[float, float]:
         """Largest violation of a bound, and largest entry of the Lagrangian's gradient; infinite if not finite."""
         program = self._program
-        _, gradient = solver.get_function("nlp_grad_f")(x, [])
-        g, jacobian = solver.get_function("nlp_jac_g")(x, [])
+        _, gradient = solver.get_function("nlp_grad_f")(x, p)
+        g, jacobian = solver.get_function("nlp_jac_g")(x, p)
         g = g.full().ravel()
         lagrangian = gradient.full().ravel() + jacobian.full().T @ multiplier + x_multiplier
         violation = max(

@@ -47,6 +47,7 @@ STATES = {
     "slope of 3 degrees": Belief(0.0, 0.0, *slope(3)),
     "slope of 6 degrees": Belief(0.0, 0.0, *slope(6)),
     "slope of 9 degrees": Belief(0.0, 0.0, *slope(9)),
+    "wind and load": Belief(-0.05, 0.1, 23.0, -41.0),
     "gust ahead": Belief(-0.01, 0.0, 0.0, 0.0, gust(20)),
 }
 

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 GRID = 0.005
 """Ratio between neighbouring values of A for which a model is built."""
-CURVATURE = 1e6
+CURVATURE = 3e4
 """The objective is scaled until torque curves it this much: near rest costs are tiny, and Clarabel's tolerances are
 absolute as well as relative."""
 BROKEN = 1e-5

@@ -83,7 +83,13 @@ class ConicAnswer:
     iterations: int
 
 
-QUICK: dict[str, Any] = {"iterative_refinement_enable": False, "direct_solve_method": "qdldl"}
+DENSE = 20_000
+"""Entries up to which A and P are multiplied as dense matrices when an answer is measured: ten times as fast."""
+QUICK: dict[str, Any] = {
+    "iterative_refinement_enable": False,
+    "direct_solve_method": "qdldl",
+    "max_step_fraction": 0.995,
+}
 CAREFUL: dict[str, Any] = {"max_iter": 500}
 
 
@@ -97,9 +103,12 @@ class Clarabel:
         self._solver: Any = None
 
     def _set(self, program: ConicProgram) -> None:
-        self._P, self._A = program.P.tocsc(), program.A.tocsc(copy=True)
-        self._AT = self._A.T  # shares the entries
+        self._A = program.A.tocsc(copy=True)
         self._q, self._b, self._cones = program.q.copy(), program.b.copy(), tuple(program.cones)
+        dense = program.A.shape[0] * program.A.shape[1] <= DENSE
+        self._P_times = program.P.toarray() if dense else program.P.tocsc()
+        self._A_times = program.A.toarray() if dense else self._A
+        self._place = (self._A.indices, np.repeat(np.arange(len(self._q)), np.diff(self._A.indptr))) if dense else None
 
     def update(self, *, q: Array | None = None, A: Array | None = None, b: Array | None = None) -> None:
         """New numbers in the same pattern: ``A`` (nnz) are its entries by columns; raises ``ValueError``.
@@ -112,21 +121,25 @@ class Clarabel:
                     message = f"{name} has shape {new.shape}; needs {old.shape}"
                     raise ValueError(message)
                 _finite(name, new)
-        if q is not None:
-            self._q = q.copy()
+        fresh = {}
+        if q is not None and not np.array_equal(q, self._q):
+            fresh["q"] = self._q = q.copy()
         if b is not None:
-            self._b = b.copy()
+            fresh["b"] = self._b = b.copy()
         if A is not None:
+            fresh["A"] = A
             self._A.data[:] = A
+            if self._place is not None:
+                self._A_times[self._place] = A
         if self._solver is not None:
             try:
-                self._solver.update(q=self._q, b=self._b, **({} if A is None else {"A": self._A.data}))
+                self._solver.update(**fresh)
             except Exception:  # a solver that failed to update is in no known state
                 self._solver = None
 
     def product(self, x: Array) -> Array:
         """A x (r,) of the program as it stands."""
-        return np.asarray(self._A @ x)
+        return np.asarray(self._A_times @ x)
 
     def solve(self) -> ConicAnswer:
         """Solve the program as it stands; never raises for what the solver does."""
@@ -159,6 +172,7 @@ class Clarabel:
         settings.verbose = False
         settings.max_threads = 1
         settings.time_limit = self._seconds
+        settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = 0.1 * self._tolerance
         if updatable:
             settings.presolve_enable = False
             settings.chordal_decomposition_enable = False
@@ -178,11 +192,12 @@ class Clarabel:
     def _measured(self, x: Array, s: Array, z: Array, said: str, iterations: int) -> ConicAnswer:
         q, b = self._q, self._b
         with np.errstate(all="ignore"):
-            Px, Ax, ATz = self._P @ x, self._A @ x, self._AT @ z
+            Px, Ax, ATz = self._P_times @ x, self._A_times @ x, self._A_times.T @ z
             quadratic, linear, offered = float(x @ Px), float(q @ x), float(b @ z)
-            outside = max(_outside(self._cones, s), _outside(self._cones, z, dual=True))
-            primal = max(_largest(Ax + s - b), outside) / (1 + max(_largest(Ax), _largest(b), _largest(s)))
-            dual = _largest(Px + ATz + q) / (1 + max(_largest(Px), _largest(ATz), _largest(q)))
+            off, *of = np.abs([Ax + s - b, Ax, b, s]).max(axis=1, initial=0.0).tolist()
+            primal = max(off, _outside(self._cones, s), _outside(self._cones, z, dual=True)) / (1 + max(of))
+            slope, *of = np.abs([Px + ATz + q, Px, ATz, q]).max(axis=1, initial=0.0).tolist()
+            dual = slope / (1 + max(of))
             gap = abs(quadratic + linear + offered) / (1 + min(abs(0.5 * quadratic + linear), abs(offered)))
             agrees = primal <= self._tolerance and dual <= self._tolerance and gap <= 10 * self._tolerance
             impossible = said == "PrimalInfeasible" and self._certified(z, offered, ATz)

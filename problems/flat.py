@@ -109,9 +109,10 @@ class Pattern:
 
     def room(self, points: Array, margins: Array, before: float) -> Array:
         """How far each row is from its bound: at ``points`` (N+2, 3), with limits' ``margins`` (N+2, each) there."""
-        torques = points[:-1, 2]
-        values = (torques, np.diff(torques, prepend=before))
         parts = [margins.ravel()]
-        for value, most in zip((v for v, on in zip(values, self.limited, strict=True) if on), self.reach, strict=True):
-            parts += [most - value / self.size, most + value / self.size]
+        if self.reach:
+            torques = points[:-1, 2]
+            values = [torques] * self.limited[0] + [np.diff(torques, prepend=before)] * self.limited[1]
+            for value, most in zip(values, self.reach, strict=True):
+                parts += [most - value / self.size, most + value / self.size]
         return np.concatenate([*parts, [0.0]])

@@ -12,6 +12,7 @@ exact, so that nothing is offset at rest.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 
 GRID = 0.005
 """Ratio between neighbouring values of A for which a model is built."""
-CURVATURE = 3e4
+CURVATURE = 3e5
 """The objective is scaled until torque curves it this much: near rest costs are tiny, and Clarabel's tolerances are
 absolute as well as relative."""
 BROKEN = 1e-5
@@ -49,7 +50,7 @@ class LinearPlanner:
     def plan(self, t: float, belief: Belief, before: float, previous: Plan | None) -> Outcome[Plan]:
         """See ``problems.receding.Planner``."""
         A, theta_f = stationary(self.horizon.biped, belief.F_x, belief.F_y)
-        steps = round(np.log(max(A / self.horizon.biped.weight, 1e-3)) / GRID)
+        steps = round(math.log(max(A / self.horizon.biped.weight, 1e-3)) / GRID)
         return _program(self.horizon, steps).plan(t, belief, theta_f, before, shortcut=self.shortcut)
 
 
@@ -114,7 +115,8 @@ class _Program:
             margins = points @ there[:, 1:].T + np.vstack([levels, levels[-1:]])
         margins[0] = now[:, 0] + now[:, 1:] @ (points[0] - [*here, before])
         b = self._pattern.room(points, margins, before)
-        y, detail = np.zeros(N), "LQR's response keeps every limit"
+        states, torque = points[: N + 1, :2].T.copy(), points[:N, 2]
+        detail = "LQR's response keeps every limit"
         if not (shortcut and belief.ahead is None and b.min() >= 0):
             self._solver.update(q=q, A=self._pattern.entries(now[:, 1:], there[:, 1:]), b=b)
             answer = self._solver.solve()
@@ -124,11 +126,9 @@ class _Program:
             if (self._solver.product(answer.x) - b).max() > BROKEN:
                 return Outcome(status=Status.DISAGREEMENT, detail=f"{detail}, but a row is broken")
             y = answer.x[:N]
-        states = np.empty((2, N + 1))
-        states[:, :N], states[:, N] = points[:N, :2].T, points[N, :2]
-        states[0] += theta_f + along.e @ y
-        states[1] += along.omega @ y
-        torque = points[:N, 2] + along.tau @ y
+            states += [along.e @ y, along.omega @ y]
+            torque = torque + along.tau @ y
+        states[0] += theta_f
         plan = Plan(start=t, step=self._horizon.tuning.step, torque=torque, states=states)
         return Outcome(status=Status.SOLVED, detail=detail, found=plan)
 

@@ -39,6 +39,6 @@ class Buffered:
     def __call__(self, *arguments: Any) -> list[Array]:
         """Results (rows, columns) for ``arguments``: matrices, columns as vectors (rows,), numbers."""
         for room, argument in zip(self._inputs, arguments, strict=True):
-            room[...] = argument[:, None] if np.ndim(argument) == 1 else argument
+            room[...] = argument[:, None] if isinstance(argument, np.ndarray) and argument.ndim == 1 else argument
         self._run()
         return self._outputs

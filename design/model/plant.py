@@ -46,11 +46,11 @@ def plant(biped: Biped) -> Plant:
 
 
 def held(count: int) -> ca.Function:
-    """Any biped under a held torque: (x (2), tau, body (6), u (7, count)) -> x after it, and contact on the way.
+    """Any biped under a held torque: (x (2), tau, body (6), u (7, count), F (2)) -> x after, contact, forces.
 
     ``body`` is (M, L, I, m, ell, g); each column of u is a step, (h, F at its start, middle and end), by the classical
-    fourth-order Runge-Kutta method. Contact (3, count): the smaller of the values at both ends of each step of F_T,
-    F_H [N], and ell - |P| [m].
+    fourth-order Runge-Kutta method. Contact (3, count) on the way: the smaller of the values at both ends of each step of F_T,
+    F_H [N], and ell - |P| [m]. The forces are F_T and F_H [N] at the end, under the force F that comes then.
     """
     x, tau, body, u = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 6), ca.SX.sym("u", 7)
     h, start, middle, end = u[0], u[1:3], u[3:5], u[5:7]
@@ -64,10 +64,11 @@ def held(count: int) -> ca.Function:
     inside = body[4] - ca.fmax(ca.fabs(P_first), ca.fabs(P_last))
     contact = ca.vertcat(ca.fmin(first, last), inside)
     step = ca.Function("step", [x, tau, body, u], [following, contact], {"cse": True})
-    given = [ca.MX.sym("x", 2), ca.MX.sym("tau"), ca.MX.sym("body", 6), ca.MX.sym("u", 7, count)]
+    given = [ca.MX.sym("x", 2), ca.MX.sym("tau"), ca.MX.sym("body", 6), ca.MX.sym("u", 7, count), ca.MX.sym("F", 2)]
     march = step.mapaccum("march", count)
     states, along = march(given[0], ca.repmat(given[1], 1, count), ca.repmat(given[2], 1, count), given[3])
-    return ca.Function("held", given, [states[:, -1], along])
+    forces = reactions()(states[:, -1], given[1], given[2], given[4])
+    return ca.Function("held", given, [states[:, -1], along, forces])
 
 
 def reactions() -> ca.Function:

@@ -40,6 +40,8 @@ class Tolerances:
 
     def drawn(self, biped: Biped, scenario: Scenario, shares: Sequence[float]) -> tuple[Biped, Scenario]:
         """The body and the world at ``shares`` (7), each from -1 to 1, of the half-widths."""
+        if self.none:
+            return biped, scenario
         body = ("M", "L", "I", "m", "ell")
         real = replace(
             biped,

@@ -66,6 +66,7 @@ class Course:
     force: Array
 
 
+@lru_cache(maxsize=8)
 def course(scenario: Scenario, period: float, step: float) -> Course:
     """Control periods of ``period`` [s] in steps of at most ``step`` [s]; none crosses a corner of the force."""
     count = max(1, math.ceil(scenario.duration / period - 1e-6))
@@ -103,13 +104,13 @@ def run(world: World, controller: Controller[Any], actuator: Actuator, step: flo
     before_the_start = Measurement(scenario.theta0, scenario.omega0, *_at_rest(biped))
     readings = [before_the_start] * delay
     tau, lost, fallen, failed = 0.0, None, None, ""
+    forces = reaction(x, tau, body, way.force[:, :1])[0]
+    ahead = np.column_stack([way.force[:, 1:], way.force[:, -1:]])
     memory: Any = None
     k = -1
     for k in range(count):
         states[:, k] = x[:, 0]
-        forces = reaction(x, tau, body, way.force[:, k : k + 1])[0]
-        truth = Measurement(float(x[0, 0]), float(x[1, 0]), float(forces[0, 0]), float(forces[1, 0]))
-        readings.append(truth)
+        readings.append(Measurement(float(x[0, 0]), float(x[1, 0]), float(forces[0, 0]), float(forces[1, 0])))
         told = readings[k] if world.draws is None else sensors.reading(readings[k], world.draws[k])
         began = time.perf_counter()
         try:
@@ -125,7 +126,7 @@ def run(world: World, controller: Controller[Any], actuator: Actuator, step: flo
             break
         tau = actuator.given(wanted, tau)
         torque[k] = tau
-        after, along = plant(x, tau, body, way.u[k])
+        after, along, forces = plant(x, tau, body, way.u[k], ahead[:, k : k + 1])
         x = after.copy()
         contact[:, k] = along.min(axis=1)
         if not (contact[0, k] >= 0 and contact[1, k] >= 0):

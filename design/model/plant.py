@@ -49,8 +49,8 @@ def held(count: int) -> ca.Function:
     """Any biped under a held torque: (x (2), tau, body (6), u (7, count), F (2)) -> x after, contact, forces.
 
     ``body`` is (M, L, I, m, ell, g); each column of u is a step, (h, F at its start, middle and end), by the classical
-    fourth-order Runge-Kutta method. Contact (3, count) on the way: the smaller of the values at both ends of each step of F_T,
-    F_H [N], and ell - |P| [m]. The forces are F_T and F_H [N] at the end, under the force F that comes then.
+    fourth-order Runge-Kutta method. Contact (3, count) on the way: the smaller of the values at both ends of each step
+    of F_T, F_H [N], and ell - |P| [m]. The forces are F_T and F_H [N] at the end, under the force F that comes then.
     """
     x, tau, body, u = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 6), ca.SX.sym("u", 7)
     h, start, middle, end = u[0], u[1:3], u[3:5], u[5:7]

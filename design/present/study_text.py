@@ -18,8 +18,8 @@ COLUMNS = (
 )  # fmt: skip
 TIMES = ("median_ms", "p99_ms", "max_ms")
 LEGEND = (
-    "lost: trials that lost contact. N: smallest contact force, least and median over the trials. settle: time to the"
-    " final posture, median. rms: torque. ms: computing time of a step, median and 99 %. unsolved: steps that took the"
+    "lost: trials that lost contact. least, median: smallest contact force of a trial [N]. settle: time to the"
+    " final posture, median. rms: torque. ms: computing time of a step, median and 99 %. fails: steps that took the"
     " previous plan's tail or law (20). slope, push: largest sudden slope and push survived from rest, as a share of"
     " what any ankle can."
 )
@@ -52,8 +52,7 @@ def as_text(document: Mapping[str, Any], paint: Paint) -> str:
     whole = table(_HEADER, body, right=tuple(range(1, len(_HEADER))))
     lines.append(whole[0])
     for line, one in zip(whole[1:], controllers.values(), strict=True):
-        bad = one["lost"] or one["failed"]
-        lines.append(paint(line, "bad") if bad else line)
+        lines.append(paint(line, "bad") if one["lost"] or one["failed"] else line)
     lines += ["", *wrapped(LEGEND)]
     differences = _differences(document)
     if differences:
@@ -76,7 +75,7 @@ def as_markdown(document: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-_HEADER = ["", "lost", "N least", "median", "settle", "rms", "ms", "99 %", "unsolved", "slope", "push"]
+_HEADER = ["", "lost", "least", "median", "settle", "rms", "ms", "99 %", "fails", "slope", "push"]
 
 
 def _title(document: Mapping[str, Any]) -> str:
@@ -98,7 +97,7 @@ def _cells(name: str, one: Summary) -> list[str]:
 
 
 def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.1f} %"
+    return "-" if share is None else f"{100 * share:.1f}%"
 
 
 def _differences_title(document: Mapping[str, Any]) -> str:
@@ -106,19 +105,23 @@ def _differences_title(document: Mapping[str, Any]) -> str:
 
 
 def _differences(document: Mapping[str, Any]) -> list[list[str]]:
+    """Rows of differences that have an interval; a bare mean is not shown."""
     found = []
     for name, one in document["controllers"].items():
         for measure, (words, unit) in MEASURES.items():
             each = one.get("against", {}).get(measure)
-            if each and each["pairs"]:
-                low, high = each["low"], each["high"]
-                interval = "not available" if low is None else f"{number(low, 4)} to {number(high, 4)} {unit}"
+            if each and each["low"] is not None:
+                interval = f"{number(each['low'], 4)} to {number(each['high'], 4)} {unit}"
                 found.append([name, words, f"{each['mean']:+.4g} {unit}", interval, str(each["pairs"])])
     return found
 
 
 def _remarks(document: Mapping[str, Any]) -> list[str]:
     lines = [line for name, why in document["left_out"].items() for line in wrapped(f"{name} is left out: {why}")]
+    if not _differences(document) and len(document["controllers"]) > 1:
+        lines += wrapped(
+            "Differences are not shown: an interval needs three trials or more that both controllers have."
+        )
     if document["remark"]:
         lines += wrapped(document["remark"])
     return ["", *lines] if lines else []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
@@ -156,15 +157,16 @@ def _executor(jobs: int, dask: str | None, versions: Any) -> Iterator[tuple[Call
         return
     try:
         from distributed import Client
+        from distributed.comm import parse_address, parse_host_port
     except ImportError:
         message = "needs the package distributed; pip install 'poise[cluster]'"
         raise BadInput(message, key="--dask") from None
-    try:
-        client = Client(dask, timeout=10, set_as_default=False)
+    try:  # a client that finds no scheduler complains long after it was given up
+        socket.create_connection(parse_host_port(parse_address(dask)[1], 8786), timeout=5).close()
     except (OSError, ValueError) as error:
-        message = f"no scheduler answers at {dask!r} ({type(error).__name__}); start one with `dask scheduler`"
+        message = f"no scheduler answers at {dask!r} ({error}); start one with `dask scheduler`"
         raise BadInput(message, key="--dask") from None
-    with client:
+    with Client(dask, timeout=10, set_as_default=False) as client:
         workers = client.nthreads()
         if not workers:
             message = f"the scheduler at {dask!r} has no workers; start some with `dask worker {dask}`"

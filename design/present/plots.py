@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 BLUE, ORANGE, GREY, RED = "#0b4f8a", "#d9822b", "#8a8a8a", "#b00020"
+BROKEN: dict[str, Any] = {"facecolor": "#f3c5cd", "edgecolor": RED, "hatch": "//", "linewidth": 0}
+"""How what breaks a limit is shaded: hatched, so that it shows in grey too."""
 FORMATS = ("png", "svg", "pdf")
 
 
@@ -129,7 +131,7 @@ def _contact(ax: Axes, run: Trajectory) -> None:
     ax.set_ylim(min(low, -0.04 * (high - low)), high)
     worst = np.minimum(run.F_T, run.F_H)
     if (worst < 0).any():
-        ax.fill_between(run.t, np.minimum(worst, 0.0), 0.0, color=RED, alpha=0.25, hatch="//", linewidth=0)
+        ax.fill_between(run.t, np.minimum(worst, 0.0), 0.0, **BROKEN)
     lost = run.lost_contact
     if lost is not None:
         ax.axvline(lost[0], color=RED, linewidth=1.0, linestyle=":")
@@ -166,7 +168,7 @@ def _cop(ax: Axes, run: Trajectory, ell: float) -> None:
     outside = np.abs(P) > ell
     if outside.any():
         edge = np.sign(P) * ell
-        ax.fill_between(run.t, 1e3 * edge, 1e3 * P, where=outside, color=RED, alpha=0.25, hatch="//", linewidth=0)
+        ax.fill_between(run.t, 1e3 * edge, 1e3 * P, where=outside, **BROKEN)
     ax.set_ylim(
         -1e3 * 1.3 * ell if not outside.any() else -1e3 * reach, 1e3 * (1.3 * ell if not outside.any() else reach)
     )

@@ -9,7 +9,7 @@ import numpy as np
 
 from design.analysis.loop_curves import LoopCurves
 from design.analysis.rows import Series
-from design.present.plots import BLUE, GREY, ORANGE, RED, canvas, heading, plain
+from design.present.plots import BLUE, BROKEN, GREY, ORANGE, canvas, heading, plain
 
 if TYPE_CHECKING:
     from design.present.plots import Axes, Figure
@@ -35,7 +35,7 @@ def _limit(ax: Axes, part: Series) -> None:
         )  # fmt: skip
         broken = value < part.level if part.sense == "at least" else value > part.level
         if broken.any():
-            ax.fill_between(part.t, part.level, value, where=broken, color=RED, alpha=0.25, hatch="//", linewidth=0)
+            ax.fill_between(part.t, part.level, value, where=broken, **BROKEN)
     worst = int(np.nanargmin(value) if part.sense == "at least" else np.nanargmax(value))
     ax.plot(part.t[worst], value[worst], "o", color=ORANGE, markeredgecolor="black", markersize=5)
     heading(ax, part.scenario)

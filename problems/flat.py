@@ -93,7 +93,8 @@ class Pattern:
         rows = self._rows[moving]
         self._moving = np.flatnonzero(moving)
         self._parts = -spread[rows, :, self._columns[moving]].T
-        self._slope = rows % each + each * (rows >= each)
+        self._component = rows % each
+        self._slopes = np.full((each, 3), np.nan)
 
     def matrix(self) -> sp.csc_matrix:
         """A matrix with every entry of the pattern in place."""
@@ -101,10 +102,11 @@ class Pattern:
         data = np.where(self._data == 0, 1.0, self._data)
         return sp.csc_matrix((data, self._rows, pointers), shape=self.shape)
 
-    def entries(self, now: Array, there: Array) -> Array:
-        """The entries for limits with slopes ``now`` (each, 3) at the first point and ``there`` at all others."""
-        slopes = np.concatenate([now, there]).T[:, self._slope]
-        self._data[self._moving] = (slopes * self._parts).sum(axis=0)
+    def entries(self, slopes: Array) -> Array:
+        """The entries for limits with these ``slopes`` (each, 3) in e, omega and tau."""
+        if not np.array_equal(slopes, self._slopes):
+            self._slopes = slopes.copy()
+            self._data[self._moving] = (slopes.T[:, self._component] * self._parts).sum(axis=0)
         return self._data
 
     def room(self, points: Array, margins: Array, before: float) -> Array:

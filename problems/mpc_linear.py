@@ -113,12 +113,12 @@ class _Program:
             points, q = self._foreseen(belief.ahead, theta_f, here)
             levels = self._levels(np.array([theta_f, 0.0]), 0.0, belief.ahead)[0].T
             margins = points @ there[:, 1:].T + np.vstack([levels, levels[-1:]])
-        margins[0] = now[:, 0] + now[:, 1:] @ (points[0] - [*here, before])
+        margins[0] = (now[:, 0] + now[:, 1:] @ (points[0] - [*here, before])) * _as_steep(now[:, 3], there[:, 3])
         b = self._pattern.room(points, margins, before)
         states, torque = points[: N + 1, :2].T.copy(), points[:N, 2]
         detail = "LQR's response keeps every limit"
         if not (shortcut and belief.ahead is None and b.min() >= 0):
-            self._solver.update(q=q, A=self._pattern.entries(now[:, 1:], there[:, 1:]), b=b)
+            self._solver.update(q=q, A=self._pattern.entries(there[:, 1:]), b=b)
             answer = self._solver.solve()
             detail = f"Clarabel: {answer.said}"
             if not answer.solved:
@@ -148,6 +148,17 @@ class _Program:
         gradient += model.R * along.tau.T @ torque + along.e[N] * end[0] + along.omega[N] * end[1]
         points = with_end(model, states[:, 0], omega, torque, float(goal[N]))
         return points, self._unit * np.append(2 * gradient, PENALTY)
+
+
+def _as_steep(now: Array, there: Array) -> Array:
+    """Factors that give rows with the slopes ``now`` in tau those of ``there``: the first step's have no other unknown.
+
+    So the matrix stays the same as long as the force believed does. Where the slopes have little to do with each other
+    (a limit that the torque hardly moves) the row is left as it is.
+    """
+    with np.errstate(all="ignore"):
+        factors = there / now
+    return np.where((factors > 0.5) & (factors < 2.0), factors, 1.0)
 
 
 def _linearised(horizon: Horizon) -> ca.Function:

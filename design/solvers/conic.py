@@ -126,8 +126,8 @@ class Clarabel:
             fresh["q"] = self._q = q.copy()
         if b is not None:
             fresh["b"] = self._b = b.copy()
-        if A is not None:
-            fresh["A"] = A
+        if A is not None and not np.array_equal(A, self._A.data):
+            fresh["A"] = A.copy()
             self._A.data[:] = A
             if self._place is not None:
                 self._A_times[self._place] = A

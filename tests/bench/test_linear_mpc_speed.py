@@ -86,7 +86,7 @@ def test_linear_step_against_do_mpc(benchmark, capsys):
     def run():
         return {which: [along(partial(our_step, which=which)) for _ in range(10)] for which in planners}
 
-    rounds = benchmark.pedantic(run, rounds=1, warmup_rounds=1)
+    rounds = benchmark.pedantic(run, rounds=1, warmup_rounds=3)
     differing = max(np.abs(each[0][1] - their_torques).max() for each in rounds.values())
     with capsys.disabled():
         sys.stdout.write(f"\nlinear step, 50 x 20 ms, from rest on 6.5 degrees; do-mpc {1e3 * theirs.mean():.1f} ms\n")

@@ -119,11 +119,11 @@ def _dense(planner, belief, before):
     level = tuning.contact * PAPER.weight
     G, h = [], []
 
-    def keep(base, slope, point_rows, offset):
-        """base + slope (point - offset) >= level - weight sigma."""
+    def keep(base, slope, point_rows, offset, factors=(1.0, 1.0)):
+        """base + slope (point - offset) >= level - weight sigma/factor."""
         for j in range(2):
             row = -slope[j] @ point_rows
-            row[-1] -= PAPER.weight
+            row[-1] -= PAPER.weight / factors[j]
             G.append(row)
             h.append(base[j] - slope[j] @ offset - level)
 
@@ -136,7 +136,8 @@ def _dense(planner, belief, before):
 
     now = slopes(belief.theta, belief.omega, before)
     there = slopes(theta_f, 0.0, 0.0)
-    keep(*now, rows_of(0), np.array([belief.theta - theta_f, belief.omega, before]))
+    factors = there[1][:, 2] / now[1][:, 2]  # sigma counts in the first rows by the others' slope in the torque
+    keep(*now, rows_of(0), np.array([belief.theta - theta_f, belief.omega, before]), factors)
     for k in range(1, N):
         keep(*there, rows_of(k), np.zeros(3))
     xi = np.zeros(n)

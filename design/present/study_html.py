@@ -47,12 +47,12 @@ def as_html(document: Document, rows: Sequence[Row]) -> str:
     source = files("design.present").joinpath("study.html.j2").read_text(encoding="utf-8")
     return environment.from_string(source).render(
         document=document,
-        title=study_text._title(document),
+        title=study_text.title(document),
         legend=study_text.LEGEND,
         word=("COMPLETE", "good") if document["status"] == "complete" else ("UNDECIDED", "doubt"),
         headline=headline(document),
         findings=findings(document),
-        table=[(*_word(one), study_text._cells(name, one)) for name, one in controllers.items()],
+        table=[(*_word(one), study_text.cells(name, one)) for name, one in controllers.items()],
         told=[f"{name} ({why})" for name, why in TOLD.items() if name in controllers],
         lines=lines,
         trouble=trouble[:SHOWN],
@@ -85,7 +85,7 @@ def _pictures(document: Document, rows: Sequence[Row], lines: list[dict[str, Any
     times = {name: one["step_ms"] for name, one in controllers.items()}
     forests = []
     for words, *_ in COMPARED.values():
-        of = [line for line in lines if line["words"] == words]
+        of = [line for line in lines if line["words"] == words and line["low"] is not None]
         if of:
             forests.append((f"{words[0].upper()}{words[1:]}", _svg(study_plots.forest_figure(of))))
     return {
@@ -156,9 +156,8 @@ def findings(document: Document) -> list[str]:
         name = line["name"]
         if line["measure"] == "contact_force_n" and ("synthesized" in name or "mpc" in name):
             told = f" ({TOLD[name]})" if name in TOLD else ""
-            found.append(
-                f"{name}{told} against {reference}: smallest contact force {line['mean']:+.4g} N, {_interval(line)}."
-            )
+            mean = "" if line["low"] is None else f" {line['mean']:+.4g} N"
+            found.append(f"{name}{told} against {reference}: smallest contact force{mean}, {_interval(line)}.")
     for key, words in (("step_slope_share", "sudden slope"), ("push_share", "push")):
         shares = {name: one[key] for name, one in controllers.items() if one[key] is not None}
         if len(shares) < 2:

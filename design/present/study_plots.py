@@ -113,7 +113,7 @@ def contact_figure(rows: Sequence[Row], names: Sequence[str]) -> Figure | None:
 
 
 def forest_figure(lines: Lines) -> Figure:
-    """Differences of one measure: the mean, its interval, and zero; hollow where an interval holds zero or is none."""
+    """Differences of one measure: the mean, its interval, and zero; hollow where the interval holds zero."""
     first = lines[0]
     figure, ax = _board([line["name"] for line in lines], f"difference [{first['unit']}], {first['better']} is better")
     for k, line in enumerate(lines):

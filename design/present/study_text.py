@@ -47,8 +47,8 @@ def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
 def as_text(document: Mapping[str, Any], paint: Paint) -> str:
     """The study in at most 80 columns."""
     controllers = document["controllers"]
-    lines = [*wrapped(_title(document)), ""]
-    body = [[*_cells(name, one)] for name, one in controllers.items()]
+    lines = [*wrapped(title(document)), ""]
+    body = [[*cells(name, one)] for name, one in controllers.items()]
     whole = table(_HEADER, body, right=tuple(range(1, len(_HEADER))))
     lines.append(whole[0])
     for line, one in zip(whole[1:], controllers.values(), strict=True):
@@ -56,7 +56,7 @@ def as_text(document: Mapping[str, Any], paint: Paint) -> str:
     lines += ["", *wrapped(LEGEND)]
     differences = _differences(document)
     if differences:
-        lines += ["", *wrapped(_differences_title(document))]
+        lines += ["", *wrapped(_differences_heading(document))]
         lines += table(["", "measure", "difference", "95 % interval", "pairs"], differences, right=(2, 4))
     lines += _remarks(document)
     return "\n".join(lines) + "\n"
@@ -64,12 +64,12 @@ def as_text(document: Mapping[str, Any], paint: Paint) -> str:
 
 def as_markdown(document: Mapping[str, Any]) -> str:
     """The study as Markdown tables."""
-    lines = [f"# Study of {document['spec']['name']}", "", _title(document), ""]
-    lines += _markdown(_HEADER, [_cells(name, one) for name, one in document["controllers"].items()])
+    lines = [f"# Study of {document['spec']['name']}", "", title(document), ""]
+    lines += _markdown(_HEADER, [cells(name, one) for name, one in document["controllers"].items()])
     lines += ["", LEGEND, ""]
     differences = _differences(document)
     if differences:
-        lines += [_differences_title(document), ""]
+        lines += [_differences_heading(document), ""]
         lines += _markdown(["controller", "measure", "difference", "95 % interval", "pairs"], differences)
     lines += _remarks(document)
     return "\n".join(lines) + "\n"
@@ -78,7 +78,8 @@ def as_markdown(document: Mapping[str, Any]) -> str:
 _HEADER = ["", "lost", "least", "median", "settle", "rms", "ms", "99 %", "fails", "slope", "push"]
 
 
-def _title(document: Mapping[str, Any]) -> str:
+def title(document: Mapping[str, Any]) -> str:
+    """What was tried, in a sentence."""
     return (
         f"{document['spec']['name']}: {document['trials']} trial{'s' * (document['trials'] != 1)} of each controller in"
         f" {len(document['scenarios'])} scenario{'s' * (len(document['scenarios']) != 1)}, seed {document['seed']},"
@@ -86,7 +87,8 @@ def _title(document: Mapping[str, Any]) -> str:
     )
 
 
-def _cells(name: str, one: Summary) -> list[str]:
+def cells(name: str, one: Summary) -> list[str]:
+    """A controller's line of the table."""
     force, ms = one["contact_force_n"], one["step_ms"]
     return [
         name, f"{one['lost']}/{one['trials']}" + (f" +{one['failed']} failed" if one["failed"] else ""),
@@ -100,7 +102,7 @@ def _percent(share: float | None) -> str:
     return "-" if share is None else f"{100 * share:.1f}%"
 
 
-def _differences_title(document: Mapping[str, Any]) -> str:
+def _differences_heading(document: Mapping[str, Any]) -> str:
     return f"Differences from {document['reference']} in the same world and noise, with 95 % bootstrap intervals:"
 
 

@@ -40,3 +40,24 @@ def test_every_command_shown_exists():
     listed = _run("cli.py", "--help")
     for line in _blocks("sh")[0].splitlines():
         assert re.search(rf"^  {line.split()[1]} ", listed, flags=re.MULTILINE), line
+
+
+def test_the_study_of_the_readme_is_what_a_study_finds():
+    from dataclasses import replace
+
+    from design.spec.load import load
+    from design.spec.setting import setting
+    from problems.comparison.conduct import conduct, facts
+
+    source = load("slope")
+    problem = setting(source.spec)
+    problem = replace(problem, study=problem.study.model_copy(update={"trials": 1}))
+    found = facts(conduct(source, problem, ["force", "force-synthesized", "mpc"], jobs=2), problem)["controllers"]
+    text = " ".join(README.split())
+    forces = [f"{found[name]['contact_force_n']['min']:.1f} N" for name in ("mpc", "force")]
+    slopes = [f"{100 * found[name]['step_slope_share']:.1f} %" for name in ("mpc", "force", "force-synthesized")]
+    pushes = [f"{100 * found[name]['push_share']:.1f} %" for name in ("mpc", "force", "force-synthesized")]
+    assert "the MPC keeps {} under toe and heel, the paper's gains {}, the synthesized ones".format(*forces) in text
+    assert f"synthesized ones {found['force-synthesized']['contact_force_n']['min']:.1f} N (all sampled" in text
+    assert "the MPC survives {} of what any ankle can, the paper's gains {}, the".format(*slopes) in text
+    assert f"best on the ramp, {slopes[2]}; of a push {pushes[0]}, {pushes[1]} and {pushes[2]}" in text

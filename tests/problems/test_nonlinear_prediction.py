@@ -16,6 +16,7 @@ from design.model.body import Biped
 from design.model.limits import Required
 from design.model.tuning import Tuning
 from design.solvers.outcome import Status
+from problems.mpc_linear import GRID, LinearPlanner
 from problems.mpc_nonlinear import planner
 from problems.prediction import PENALTY, horizon, posture, stationary
 
@@ -293,3 +294,25 @@ def test_do_mpc_gives_the_same_torques(degrees):
     assert plan.torque[0] == pytest.approx(first, abs=1e-3)
     theirs = peer.data.prediction(("_u", "tau")).ravel()[: len(plan.torque)]
     assert theirs == pytest.approx(plan.torque, abs=1e-3)
+
+
+def test_linear_and_nonlinear_plans_agree_as_the_state_goes_to_the_stationary_posture():
+    """A tenth of the distance, less than a tenth of the difference; on a value of A that both have."""
+    linear, nonlinear = LinearPlanner(horizon=USUAL), planner(USUAL)
+    F = _on_the_grid()
+    _, theta_f = stationary(BIPED, *F)
+    differing = []
+    for size in (0.02, 0.002, 0.0002):
+        belief = Belief(theta_f + size, -2.0 * size, *F)
+        first, second = (each.plan(0.0, belief, 0.0, None).value.torque for each in (linear, nonlinear))
+        differing.append(np.abs(first - second).max())
+    assert differing[1] < 0.1 * differing[0]
+    assert differing[2] < 0.2 * differing[1]
+    assert differing[0] < 1e-3  # [N m], of 50
+
+
+def _on_the_grid():
+    """A vertical force for which the linear planner's A is exact."""
+    gravity = BIPED.M * BIPED.g
+    steps = round(math.log(0.9 * gravity / BIPED.weight) / GRID)
+    return 0.0, gravity - BIPED.weight * math.exp(GRID * steps)

@@ -13,7 +13,7 @@ exact, so that nothing is offset at rest.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import casadi as ca
@@ -42,16 +42,23 @@ BROKEN = 1e-5
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinearPlanner:
-    """Plans with the QP; ``shortcut`` is whether the LQR response is taken without solving where it is the optimum."""
+    """Plans with the QP; ``shortcut`` is whether the LQR response is taken without solving where it is the optimum.
+
+    Its ``solvers``, by the size of A, are its own: Clarabel's last digits depend on what it solved before.
+    """
 
     horizon: Horizon
     shortcut: bool = True
+    solvers: dict[int, Clarabel] = field(default_factory=dict)
 
     def plan(self, t: float, belief: Belief, before: float, previous: Plan | None) -> Outcome[Plan]:
         """See ``problems.receding.Planner``."""
         A, theta_f = stationary(self.horizon.biped, belief.F_x, belief.F_y)
         steps = round(math.log(max(A / self.horizon.biped.weight, 1e-3)) / GRID)
-        return _program(self.horizon, steps).plan(t, belief, theta_f, before, shortcut=self.shortcut)
+        program = _program(self.horizon, steps)
+        if steps not in self.solvers:
+            self.solvers[steps] = Clarabel(program.posed, tolerance=1e-7, seconds=1.0)
+        return program.plan(self.solvers[steps], t, belief, theta_f, before, shortcut=self.shortcut)
 
 
 @lru_cache(maxsize=64)
@@ -84,10 +91,11 @@ class _Program:
         self._pattern = Pattern(self._bands, each, horizon.actuator, tuning.step, biped.weight * biped.ell)
         self._unit = CURVATURE / (model.R * np.abs(self._bands.tau).max() ** 2)
         self._q = self._unit * np.append(np.zeros(N), PENALTY)
+        level = np.array([0.0, biped.M * biped.g - A])  # a force that makes gravity A: what the solver is scaled by
+        self._pattern.entries(self._limits(np.zeros(2), 0.0, level)[0][:, 1:])
         matrix = self._pattern.matrix()
         cones = [Cone("nonnegative", matrix.shape[0])]
-        program = ConicProgram(P=self._cost(), q=self._q, A=matrix, b=np.zeros(matrix.shape[0]), cones=cones)
-        self._solver = Clarabel(program, tolerance=1e-7, seconds=1.0)
+        self.posed = ConicProgram(P=self._cost(), q=self._q, A=matrix, b=np.zeros(matrix.shape[0]), cones=cones)
 
     def _cost(self) -> sp.csc_matrix:
         model, N, along = self._model, self._count, self._bands
@@ -99,7 +107,9 @@ class _Program:
         whole[:N, :N] = self._unit * (cost + cost.T)
         return sp.csc_matrix(whole)
 
-    def plan(self, t: float, belief: Belief, theta_f: float, before: float, *, shortcut: bool) -> Outcome[Plan]:
+    def plan(
+        self, solver: Clarabel, t: float, belief: Belief, theta_f: float, before: float, *, shortcut: bool
+    ) -> Outcome[Plan]:
         """Pose the numbers of this step, solve, recheck."""
         N, along = self._count, self._bands
         F = np.array([belief.F_x, belief.F_y])
@@ -118,12 +128,12 @@ class _Program:
         states, torque = points[: N + 1, :2].T.copy(), points[:N, 2]
         detail = "LQR's response keeps every limit"
         if not (shortcut and belief.ahead is None and b.min() >= 0):
-            self._solver.update(q=q, A=self._pattern.entries(there[:, 1:]), b=b)
-            answer = self._solver.solve()
+            solver.update(q=q, A=self._pattern.entries(there[:, 1:]), b=b)
+            answer = solver.solve()
             detail = f"Clarabel: {answer.said}"
             if not answer.solved:
                 return Outcome(status=Status.STALLED, detail=detail)
-            if (self._solver.product(answer.x) - b).max() > BROKEN:
+            if (solver.product(answer.x) - b).max() > BROKEN:
                 return Outcome(status=Status.DISAGREEMENT, detail=f"{detail}, but a row is broken")
             y = answer.x[:N]
             states += [along.e @ y, along.omega @ y]

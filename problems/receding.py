@@ -65,14 +65,24 @@ class Tally(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What a receding horizon hands from step to step; ``integral`` is law (20)'s while that is in charge."""
+    """What a receding horizon hands from step to step; ``integral`` is law (20)'s while that is in charge.
+
+    ``reasons`` counts why steps were not planned, by the first words of the planner's detail.
+    """
 
     seen: Seen | None
     torques: tuple[float, ...]
     plan: Plan | None
     integral: float | None
     tally: Tally
-    said: str
+    reasons: tuple[tuple[str, int], ...]
+
+
+def _counted(reasons: tuple[tuple[str, int], ...], outcome: Outcome[Plan]) -> tuple[tuple[str, int], ...]:
+    """``reasons`` with the one of ``outcome`` counted."""
+    why = (outcome.detail or outcome.status.name.lower())[:80]
+    counts = dict(reasons)
+    return tuple({**counts, why: counts.get(why, 0) + 1}.items())
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -93,7 +103,7 @@ class Receding:
 
     def start(self) -> Memory:
         """The memory at t = 0: no torque has been given."""
-        return Memory(self.informant.start(), (0.0,) * (self.delay + 1), None, None, Tally(), "")
+        return Memory(self.informant.start(), (0.0,) * (self.delay + 1), None, None, Tally(), ())
 
     def __call__(self, t: float, measurement: Measurement, memory: Memory) -> tuple[float, Memory]:
         """The torque [N m] until the next call, and the memory to hand to it."""
@@ -112,7 +122,8 @@ class Receding:
             tau, integral = self._by_law(t, measurement, before, memory.integral)
             tau, tally = self._in_contact(tau, measurement), tally._replace(law=tally.law + 1)
         tau = self.actuator.given(tau, before)
-        return tau, Memory(seen, (*memory.torques[1:], tau), plan, integral, tally, outcome.detail)
+        reasons = memory.reasons if outcome.status is Status.SOLVED else _counted(memory.reasons, outcome)
+        return tau, Memory(seen, (*memory.torques[1:], tau), plan, integral, tally, reasons)
 
     def _believed(self, t: float, measurement: Measurement, memory: Memory) -> tuple[Belief | None, Seen | None]:
         """The belief, None where the measurement allows none; the estimate is then left as it was."""

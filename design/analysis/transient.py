@@ -40,7 +40,7 @@ def transient(loop: ClosedLoop, scenario: Scenario, run: Trajectory) -> Transien
     biped = loop.biped
     F_x, F_y = run.F[:, -1]
     theta_f = math.atan2(-F_x, biped.M * biped.g - F_y)
-    corner = max([0.0, *scenario.breakpoints])
+    corner = scenario.steady_from
     away = run.theta - theta_f
     after = np.flatnonzero(run.t >= corner)
     outside = after[np.abs(away[after]) > BAND * np.abs(away).max()]

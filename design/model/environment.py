@@ -61,6 +61,16 @@ class Scenario:
         """Instants in (0, duration) at which the signal has a corner or jumps [s]."""
         return sorted({float(t) for t in self.times if 0.0 < t < self.duration})
 
+    @property
+    def steady_from(self) -> float:
+        """When the signal has come to the value that it keeps to the end [s]; the duration if it never does."""
+        last = self._signal(np.array([self.duration]), np.array([self.duration]))
+        moved = np.flatnonzero(np.any(self.signal != last, axis=0))
+        if not len(moved):
+            return 0.0
+        after = int(moved[-1]) + 1
+        return min(float(self.times[after]), self.duration) if after < len(self.times) else self.duration
+
     def pieces(self) -> list[tuple[float, float]]:
         """Intervals [s] on which the signal is linear; together they are [0, duration]."""
         edges = [0.0, *self.breakpoints, self.duration]

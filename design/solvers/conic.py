@@ -94,13 +94,16 @@ CAREFUL: dict[str, Any] = {"max_iter": 500}
 
 
 class Clarabel:
-    """Clarabel on one program: set up once, its numbers updated, solved as often as wanted."""
+    """Clarabel on one program: set up once, its numbers updated, solved as often as wanted.
+
+    Scaled when it is set up: what it returns depends on that program and the present one, on nothing between.
+    """
 
     def __init__(self, program: ConicProgram, *, tolerance: float = 1e-6, seconds: float = math.inf) -> None:
         self._tolerance, self._seconds = tolerance, seconds
         self._upper = sp.triu(program.P, format="csc")
         self._set(program)
-        self._solver: Any = None
+        self._solver = self._set_up()
 
     def _set(self, program: ConicProgram) -> None:
         self._A = program.A.tocsc(copy=True)
@@ -136,6 +139,15 @@ class Clarabel:
                 self._solver.update(**fresh)
             except Exception:  # a solver that failed to update is in no known state
                 self._solver = None
+
+    def _set_up(self) -> Any:
+        """The solver, scaled for the program as it stands, or None where Clarabel panics."""
+        try:
+            return self._built(QUICK, updatable=True)
+        except (KeyboardInterrupt, SystemExit):
+            raise
+        except BaseException:
+            return None
 
     def product(self, x: Array) -> Array:
         """A x (r,) of the program as it stands."""

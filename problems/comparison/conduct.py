@@ -27,6 +27,8 @@ __all__ = ["Study", "conduct", "facts", "with_options"]
 
 Say = Callable[[str], None]
 
+SAME = "The spec has neither noise nor uncertainty: all trials of a scenario are the same, and count once."
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Study:
@@ -194,7 +196,7 @@ def _versions() -> dict[str, str]:
 
 def facts(study: Study, problem: Setting) -> dict[str, Any]:
     """What a study's JSON says beside the common part."""
-    same = problem.sensors.exact and problem.tolerances.none and study.trials > 1
+    repeated = problem.sensors.exact and problem.tolerances.none
     done = len(study.rows)
     through = sum(row["trial"] is not None and row["status"] not in ("failed", "crashed") for row in study.rows)
     return {
@@ -206,6 +208,6 @@ def facts(study: Study, problem: Setting) -> dict[str, Any]:
         "reference": study.reference,
         "gains": {name: gains_json(its) for name, its in study.gains.items()},
         "left_out": study.left_out,
-        "remark": "The spec has neither noise nor uncertainty: all trials of a scenario are the same." if same else "",
-        "controllers": summary(study.rows, study.reference),
+        "remark": SAME if repeated and study.trials > 1 else "",
+        "controllers": summary(study.rows, study.reference, repeated=repeated),
     }

@@ -28,8 +28,8 @@ NAMES = (*LAWS, *SYNTHESIZED, *PREDICTIVE)
 
 
 def actuator(setting: Setting) -> Actuator:
-    """The ankle of a study: the spec's torque and torque rate, where it limits them, for every controller."""
-    levels = {row: required.level for row, required in setting.required.items()}
+    """The ankle of a study: the spec's hard torque and torque rate, where it limits them, for every controller."""
+    levels = {row: required.level for row, required in setting.required.items() if not required.soft}
     return Actuator(
         period=setting.study.control_period_s,
         torque=levels.get("torque", np.inf),
@@ -83,7 +83,6 @@ def _lqr(setting: Setting) -> tuple[float, float]:
     return float(upright.K[0]), float(upright.K[1])
 
 
-@lru_cache(maxsize=4)
 def _planner(nonlinear: bool, ahead: Horizon) -> Planner:
     if nonlinear:
         from problems.mpc_nonlinear import planner

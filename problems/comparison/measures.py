@@ -50,8 +50,14 @@ def measures(world: World, run: Run) -> dict[str, Any]:
         "steps": len(run.t),
         "tail_steps": tally.tail if tally else 0,
         "law_steps": tally.law if tally else 0,
+        "unplanned": _reasons(run.memory) if tally else {},
         "seconds": _times(run.seconds[np.isfinite(run.seconds)]),
     }
+
+
+def _reasons(memory: Memory) -> dict[str, int]:
+    """The commonest reasons why steps were not planned."""
+    return dict(sorted(memory.reasons, key=lambda pair: -pair[1])[:3])
 
 
 def trace(run: Run) -> dict[str, list[float | None]]:
@@ -79,7 +85,7 @@ def final_posture(world: World) -> float:
 def _end(world: World, run: Run) -> tuple[float | None, float]:
     """Settling [s] after the last corner of the force, None if it does not settle, and the error at the end [deg]."""
     away = run.states[0, :-1] - final_posture(world)
-    corner = max([0.0, *world.scenario.breakpoints])
+    corner = world.scenario.steady_from
     outside = np.flatnonzero((run.t >= corner) & (np.abs(away) > BAND * np.abs(away).max()))
     if not len(outside):
         settling: float | None = 0.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,16 +24,22 @@ PAIRED = {
 """Measures that are compared in pairs, and their units."""
 CONFIDENCE = 0.95
 RESAMPLES = 4000
+FEW = 10
+"""Pairs below which the bootstrap covers too seldom, and Student's t is taken."""
 
 
-def summary(rows: Sequence[Row], reference: str | None) -> dict[str, Any]:
-    """Per controller what its trials come to, and its differences from the ``reference`` over the pairs both have."""
+def summary(rows: Sequence[Row], reference: str | None, *, repeated: bool = False) -> dict[str, Any]:
+    """Per controller what its trials come to, and its differences from the ``reference`` over the pairs both have.
+
+    ``repeated``: trials are repetitions of the same world, of which one counts for differences.
+    """
     names = list(dict.fromkeys(row["controller"] for row in rows))
     found = {name: _controller([row for row in rows if row["controller"] == name]) for name in names}
+    distinct = [row for row in rows if not row["trial"]] if repeated else rows
     if reference in names:
         for name in names:
             if name != reference:
-                found[name]["against"] = against(rows, name, str(reference))
+                found[name]["against"] = against(distinct, name, str(reference))
     return found
 
 
@@ -52,6 +60,7 @@ def _controller(rows: Sequence[Row]) -> dict[str, Any]:
         "unsolved": sum(row["tail_steps"] + row["law_steps"] for row in through),
         "tail_steps": sum(row["tail_steps"] for row in through),
         "law_steps": sum(row["law_steps"] for row in through),
+        "unplanned": dict(sum((Counter(row.get("unplanned") or {}) for row in through), Counter()).most_common(3)),
         "steps": sum(row["steps"] for row in through),
         "step_ms": {
             "median": _or_none([each["median_ms"] for each in times], np.median),
@@ -91,17 +100,22 @@ def against(rows: Sequence[Row], name: str, reference: str) -> dict[str, Any]:
 
 
 def interval(differences: Array) -> dict[str, Any]:
-    """Mean of ``differences`` (n,) and its 95 % bootstrap interval (BCa); None where n does not allow one."""
+    """Mean of ``differences`` (n,) and its 95 % interval: bootstrap (BCa), below ``FEW`` pairs Student's t.
+
+    Low and high are None where there are fewer than three pairs, or where all are the same and have no spread to tell
+    the uncertainty from.
+    """
     n = len(differences)
     if n == 0:
         return {"mean": None, "low": None, "high": None, "pairs": 0}
     mean = float(differences.mean())
-    spread = float(np.ptp(differences))
-    if n < 3 or spread <= 1e-12 * max(1.0, abs(mean)):
-        same = mean if n >= 3 else None  # equal differences have no spread to resample
-        return {"mean": mean, "low": same, "high": same, "pairs": n}
-    from scipy.stats import bootstrap
+    if n < 3 or float(np.ptp(differences)) <= 1e-9 * max(1.0, abs(mean)):
+        return {"mean": mean, "low": None, "high": None, "pairs": n}
+    from scipy.stats import bootstrap, t
 
+    if n < FEW:
+        half = float(t.ppf(0.5 + CONFIDENCE / 2, n - 1) * differences.std(ddof=1) / math.sqrt(n))
+        return {"mean": mean, "low": mean - half, "high": mean + half, "pairs": n}
     with np.errstate(all="ignore"):
         found = bootstrap(
             (differences,), np.mean, n_resamples=RESAMPLES, confidence_level=CONFIDENCE, method="BCa",

@@ -101,8 +101,8 @@ def run(world: World, controller: Controller[Any], actuator: Actuator, step: flo
     contact, seconds = np.full((3, count), np.nan), np.full(count, np.nan)
     x = np.array([[scenario.theta0], [scenario.omega0]])
     delay = round(sensors.delay / actuator.period)
-    before_the_start = Measurement(scenario.theta0, scenario.omega0, *_at_rest(biped))
-    readings = [before_the_start] * delay
+    then = reaction(x, 0.0, body, np.zeros(2))[0][:, 0].tolist()
+    readings = [Measurement(scenario.theta0, scenario.omega0, *then)] * delay  # before the start
     tau, lost, fallen, failed = 0.0, None, None, ""
     forces = reaction(x, tau, body, way.force[:, :1])[0]
     ahead = np.column_stack([way.force[:, 1:], way.force[:, -1:]])
@@ -141,10 +141,6 @@ def run(world: World, controller: Controller[Any], actuator: Actuator, step: flo
         t=way.t[:n], states=states[:, : n + 1], torque=torque[:n], contact=contact[:, :n], seconds=seconds[:n],
         lost=lost, fallen=fallen, failed=failed, memory=memory,
     )  # fmt: skip
-
-
-def _at_rest(biped: Biped) -> tuple[float, float]:
-    return 0.5 * biped.weight, 0.5 * biped.weight
 
 
 def _lost(along: Array, u: Array, start: float) -> tuple[float, str]:

@@ -263,7 +263,7 @@ def test_an_unknown_controller_and_a_delay_between_periods_are_bad_input():
     source = parse(NOISY, origin="noisy")
     with pytest.raises(BadInput, match="allowed: pd, force"):
         conduct(source, _problem(), ["pid"])
-    late = NOISY.replace("[noise]", "[noise]\ndelay_s = 0.007")
+    late = NOISY.replace("\n[noise]", "\n[noise]\ndelay_s = 0.007")
     with pytest.raises(BadInput, match=r"multiple of study.control_period_s = 0.005"):
         conduct(parse(late, origin="late"), _problem(late), ["force"])
 

@@ -138,7 +138,7 @@ def test_draws_spread_over_the_whole_tolerance():
 
 @pytest.mark.parametrize("name", ["force", "mpc", "mpc-oracle"])
 def test_every_controller_has_the_same_limits_noise_and_delay(name):
-    text = NOISY.replace("[noise]", "[noise]\ndelay_s = 0.01").replace(
+    text = NOISY.replace("\n[noise]", "\n[noise]\ndelay_s = 0.01").replace(
         "[requirements]", "[requirements]\ntorque_nm = 20.0\ntorque_rate_nm_per_s = 500.0"
     )
     problem = setting(parse(text, origin="noisy").spec)

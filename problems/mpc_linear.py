@@ -26,7 +26,7 @@ from design.model.buffered import Buffered
 from design.solvers.conic import Clarabel, Cone, ConicProgram
 from design.solvers.outcome import Outcome, Status
 from problems.flat import Pattern, bands, with_end
-from problems.prediction import PENALTY, Horizon, posture, stationary
+from problems.prediction import Horizon, posture, stationary
 from problems.receding import Plan
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ class _Program:
         each = sum(limit.quantity.size1_out(0) for limit, _ in horizon.rows)
         self._pattern = Pattern(self._bands, each, horizon.actuator, tuning.step, biped.weight * biped.ell)
         self._unit = CURVATURE / (model.R * np.abs(self._bands.tau).max() ** 2)
-        self._q = self._unit * np.append(np.zeros(N), PENALTY)
+        self._q = self._unit * np.append(np.zeros(N), horizon.penalty)
         level = np.array([0.0, biped.M * biped.g - A])  # a force that makes gravity A: what the solver is scaled by
         self._pattern.entries(self._limits(np.zeros(2), 0.0, level)[0][:, 1:])
         matrix = self._pattern.matrix()
@@ -157,7 +157,7 @@ class _Program:
         gradient = along.e[:N].T @ away[:N] + model.Q[1, 1] * along.omega[:N].T @ omega[:N]
         gradient += model.R * along.tau.T @ torque + along.e[N] * end[0] + along.omega[N] * end[1]
         points = with_end(model, states[:, 0], omega, torque, float(goal[N]))
-        return points, self._unit * np.append(2 * gradient, PENALTY)
+        return points, self._unit * np.append(2 * gradient, self._horizon.penalty)
 
 
 def _as_steep(now: Array, there: Array) -> Array:

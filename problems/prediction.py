@@ -1,6 +1,6 @@
 """What the linear and the nonlinear prediction share: model about the stationary posture, cost, limits, terminal set.
 
-minimise    Σ_{k<N} e_k² + w_rate (omega_k/Omega)² + w_torque (tau_k/(A L))²  +  x_NᵀP x_N  +  PENALTY sigma
+minimise    Σ_{k<N} e_k² + w_rate (omega_k/Omega)² + w_torque (tau_k/(A L))²  +  x_NᵀP x_N  +  penalty sigma
 over        tau_0 .. tau_{N-1}, sigma >= 0                     e = theta - theta_f, x = (e, omega), Omega² = A L/I
 subject to  the dynamics from the state believed now, with the external force held (or as foreseen)
             each limit at each step, toe and heel force above all, to within sigma times its scale
@@ -19,7 +19,7 @@ limits, affine in e, are met as well. A plan shifted by one step, with that torq
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -38,6 +38,13 @@ PENALTY = 1e3
 """Cost of breaking a limit by its scale; the cost of e is 1 per rad² and step."""
 
 
+WISH = 1.0
+"""Cost of breaking a wish by its scale: enough to keep it where that is possible, and not to stand askew for it where
+it is not. For contact, by the scale that it then has, it is as much as a hundred."""
+FIRM = 0.01
+"""By how much less than its scale contact gives way when a wish does by its own."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Horizon:
     """A prediction to be posed: the nominal ``biped``, ``tuning``, ``actuator``, and ``rows``: limits and levels."""
@@ -46,6 +53,7 @@ class Horizon:
     tuning: Tuning
     actuator: Actuator
     rows: tuple[tuple[Limit, float], ...]
+    penalty: float = PENALTY
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -68,14 +76,25 @@ class Posture:
 
 
 def horizon(biped: Biped, tuning: Tuning, actuator: Actuator, required: dict[str, Required]) -> Horizon:
-    """The prediction for ``biped``: contact always, other limits where they are required to be kept."""
-    rows = []
+    """The prediction for ``biped``: contact always, other limits where they are required to be kept.
+
+    Where more than contact is required, contact itself comes first with a scale of its own, ``FIRM`` times the usual: a
+    wish that has to be broken for a while then frees neither foot nor terminal set of it.
+    """
+    contact, wishes = [], []
+    margin = tuning.contact * biped.weight
     for limit in limits(plant(biped), required):
         level = limit.hard_level
         if limit.id == "torque" or level is None or (limit.id == "cop-margin" and level <= 0):
             continue  # the actuator's, not required, or the same as contact
-        rows.append((limit, level + (tuning.contact * biped.weight if limit.unit == "N" else 0.0)))
-    return Horizon(biped=biped, tuning=tuning, actuator=actuator, rows=tuple(rows))
+        if limit.unit == "N":
+            contact.append((limit, margin))
+        if limit.unit != "N" or level > 0:
+            wishes.append((limit, level + (margin if limit.unit == "N" else 0.0)))
+    if wishes:
+        contact = [(replace(limit, scale=FIRM * limit.scale), level) for limit, level in contact]
+    penalty = WISH if wishes else PENALTY
+    return Horizon(biped=biped, tuning=tuning, actuator=actuator, rows=(*contact, *wishes), penalty=penalty)
 
 
 def stationary(biped: Biped, F_x: float, F_y: float) -> tuple[float, float]:

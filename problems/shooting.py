@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from design.analysis.observer import Belief
 from design.model.plant import plant
 from design.solvers.sqp import Explicit
-from problems.prediction import PENALTY, Horizon, Posture, posture, stationary
+from problems.prediction import Horizon, Posture, posture, stationary
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def posed(horizon: Horizon) -> Posed:
     dynamics = _runge_kutta(body.dynamics, tuning.step)
     following = [dynamics(x[:, k], tau[k], F[:, k], F[:, k + 1]) / states for k in range(N)]
     cost = ca.sumsqr(away[0, :N]) + tuning.rate * ca.sumsqr(away[1, :N] / Omega) + tuning.torque * ca.sumsqr(tau / AL)
-    cost += ca.bilin(P, away[:, N]) + PENALTY * sigma
+    cost += ca.bilin(P, away[:, N]) + horizon.penalty * sigma
 
     xi = away[0, N] + away[1, N] / Omega
     hold = -AL * xi
@@ -86,7 +86,7 @@ def posed(horizon: Horizon) -> Posed:
     unit = 0.5 / (level.R + level.Bd @ level.P @ level.Bd) / torque**2  # the Hessian in v is then near one
     program = Explicit(
         v=ca.vertcat(v, s), X=ca.vec(X), p=ca.vertcat(head, theta_f, ca.vec(F)), phi=ca.vertcat(*following),
-        f=unit * cost, g=ca.vertcat(*rows), damp=np.append(np.zeros(N), 1e-4 * PENALTY * SIZE**2 * unit),
+        f=unit * cost, g=ca.vertcat(*rows), damp=np.append(np.zeros(N), 1e-4 * horizon.penalty * SIZE**2 * unit),
     )  # fmt: skip
     return Posed(program=program, torque=torque, states=states)
 

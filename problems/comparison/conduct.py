@@ -19,7 +19,7 @@ from design.solvers.outcome import Status
 from design.spec.load import Source
 from design.spec.setting import Setting
 from design.workers import processes
-from problems.comparison.controllers import LAWS, NAMES, SYNTHESIZED
+from problems.comparison.controllers import LAWS, NAMES, PREDICTIVE, SYNTHESIZED, eased
 from problems.comparison.study import Case, Row, check, key_of, study, tasks, with_options
 from problems.comparison.summary import summary
 
@@ -194,6 +194,19 @@ def _versions() -> dict[str, str]:
     return provenance()
 
 
+def _eased(problem: Setting, study: Study) -> str:
+    """What the predictions plan for instead of levels that leave a standing body no room to move."""
+    if not any(name in PREDICTIVE for name in study.controllers):
+        return ""
+    units = {"contact-force": " N", "cop-margin": " m", "friction": ""}
+    parts = [
+        f"{row} {problem.required[row].level:g}{units[row]} leaves no room to move; mpc and nmpc plan for"
+        f" {level.level:.4g}{units[row]}"
+        for row, level in eased(problem).items()
+    ]
+    return "; ".join(parts) + "." if parts else ""
+
+
 def facts(study: Study, problem: Setting) -> dict[str, Any]:
     """What a study's JSON says beside the common part."""
     repeated = problem.sensors.exact and problem.tolerances.none
@@ -208,6 +221,6 @@ def facts(study: Study, problem: Setting) -> dict[str, Any]:
         "reference": study.reference,
         "gains": {name: gains_json(its) for name, its in study.gains.items()},
         "left_out": study.left_out,
-        "remark": SAME if repeated and study.trials > 1 else "",
+        "remark": " ".join(filter(None, [SAME if repeated and study.trials > 1 else "", _eased(problem, study)])),
         "controllers": summary(study.rows, study.reference, repeated=repeated),
     }

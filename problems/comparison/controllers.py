@@ -14,6 +14,7 @@ from design.analysis.observer import Observer, observer
 from design.model.actuator import Actuator
 from design.model.environment import Scenario
 from design.model.laws import Controller, Gains, LawKind, SampledLaw
+from design.model.limits import Required
 from design.spec.setting import Setting
 from problems.mpc_linear import LinearPlanner
 from problems.prediction import Horizon, horizon, posture
@@ -24,6 +25,8 @@ Array = NDArray[np.float64]
 LAWS: dict[str, LawKind] = {"pd": "pd", "force": "force", "cop": "cop"}
 SYNTHESIZED: dict[str, LawKind] = {f"{name}-synthesized": kind for name, kind in LAWS.items()}
 PREDICTIVE = ("mpc", "nmpc", "mpc-oracle", "mpc-preview")
+ROOM = 0.08
+"""What a prediction keeps to move in: part of the weight at each end of the foot; for the CoP and friction likewise."""
 NAMES = (*LAWS, *SYNTHESIZED, *PREDICTIVE)
 
 
@@ -74,7 +77,30 @@ def prediction(setting: Setting, *, preview: bool = False) -> Horizon:
     tuning = setting.tuning
     if preview:
         tuning = replace(tuning, torque=tuning.preview_torque)
-    return horizon(setting.biped, tuning, actuator(setting), setting.required)
+    return horizon(setting.biped, tuning, actuator(setting), {**setting.required, **eased(setting)})
+
+
+def eased(setting: Setting) -> dict[str, Required]:
+    """Required levels that a standing body cannot keep, or only if it does not move, at what leaves it ``ROOM``.
+
+    A prediction that must first of all do what cannot be done lets go of what can: at rest each end of the foot bears
+    half of the load, the CoP is in the middle, and friction is needed as the force is inclined.
+    """
+    biped, found = setting.biped, {}
+    points = [scenario.force_at(np.append(scenario.times, scenario.duration)) for scenario in setting.scenarios]
+    F_x, F_y = np.concatenate(points, axis=1)
+    down = np.maximum(biped.weight - F_y, 1e-9 * biped.weight)
+    limits = {
+        "contact-force": float(0.5 * down.min() - ROOM * biped.weight),
+        "cop-margin": (1 - 2.5 * ROOM) * biped.ell,
+        "friction": float((np.abs(F_x) / down).max() + 0.5 * ROOM),
+    }
+    for row, limit in limits.items():
+        asked = setting.required.get(row)
+        hard = asked is not None and not asked.soft
+        if hard and asked is not None and (asked.level < limit if row == "friction" else asked.level > limit):
+            found[row] = Required(level=max(limit, 0.0))
+    return found
 
 
 def _lqr(setting: Setting) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from design.model.tuning import Tuning
 from design.solvers.outcome import Status
 from problems.mpc_linear import GRID, LinearPlanner
 from problems.mpc_nonlinear import planner
-from problems.prediction import PENALTY, horizon, posture, stationary
+from problems.prediction import horizon, posture, stationary
 
 BIPED = Biped(M=50.0, L=0.75, I=7.03125, m=0.1, ell=0.1)
 HELD = Actuator(period=0.02)
@@ -78,6 +78,8 @@ def single_shooting(posed, belief, before):
         toe, heel = (m * g + f_y) / 2 - tau / (2 * ell), (m * g + f_y) / 2 + tau / (2 * ell)
         weight, load = (M + m) * g, toe + heel
         found = [(toe - required["toe-force"]) / weight, (heel - required["heel-force"]) / weight]
+        if len(required) > 2:  # wishes: contact itself by a hundredth of its scale
+            found += [(force - 0.01 * weight) / (0.01 * weight) for force in (toe, heel)]
         if "cop-margin" in required:
             P_cop = (toe - heel) * ell / load
             found += [(ell - P_cop - required["cop-margin"]) / ell, (ell + P_cop - required["cop-margin"]) / ell]
@@ -118,7 +120,7 @@ def single_shooting(posed, belief, before):
     for a, b in ((theta, omega), (lean[N] + xi, 0)):
         rows += [margin + sigma for margin in margins(a, b, hold, F[0, N], F[1, N])]
     rows += [row + sigma for row in limited(hold, actuator.torque) + limited(hold - last, actuator.rate * h)]
-    cost += ca.bilin(ca.DM(P), end) + PENALTY * sigma
+    cost += ca.bilin(ca.DM(P), end) + (1.0 if len(required) > 2 else 1000.0) * sigma
     options = {
         "ipopt.tol": 1e-10, "ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.mu_target": 0.0,
         "ipopt.bound_relax_factor": 0.0, "ipopt.compl_inf_tol": 1e-12, "ipopt.max_iter": 1000,

@@ -258,3 +258,37 @@ def test_nothing_is_offset_at_rest_though_the_body_is_another():
     )
     assert abs(ended.torque[-1]) < 1e-3
     assert ended.states[0, -1] == pytest.approx(-math.radians(5), abs=1e-5)
+
+
+WISHES = {
+    "contact_force_n = 0.0": ["contact_force_n = 220.0", "contact_force_n = 100.0"],
+    "decay_rate_per_s = 0.0": ["cop_margin_m = 0.095", "friction = 0.1"],
+}
+
+
+@pytest.mark.parametrize(("written", "wish"), [(key, wish) for key, wishes in WISHES.items() for wish in wishes])
+@pytest.mark.parametrize("name", ["mpc", "nmpc"])
+def test_a_wish_that_cannot_be_kept_does_not_cost_contact(name, written, wish):
+    problem = setting(parse(load("slope").text.replace(written, wish), origin="wish").spec)
+    sudden = slope(PAPER, name="sudden", angle=math.radians(6.5), ramp=0.0, duration=4.0)
+    for scenario in (RAMP, sudden):
+        ended = _run(scenario, controller(name, problem, None, scenario), 0.005)
+        assert not ended.lost
+        if not wish.startswith("cop"):  # a hard CoP margin of 95 % keeps the body askew on a sudden slope
+            assert ended.states[0, -1] == pytest.approx(-scenario.signal[0, -1], abs=1e-3)
+
+
+def test_measurements_from_before_the_start_agree_with_the_motion_that_they_show():
+    told = []
+
+    class Listening:
+        def start(self):
+            return None
+
+        def __call__(self, t, measurement, memory):
+            told.append(measurement)
+            return 0.0, None
+
+    moving = constant_force(name="m", F_x=0.0, F_y=0.0, ramp=0.0, duration=0.1, omega0=1.0)
+    _run(moving, Listening(), 0.005, sensors=Sensors(delay=0.01))
+    assert told[0].F_T + told[0].F_H == pytest.approx(PAPER.weight - PAPER.M * PAPER.L * 1.0, rel=1e-9)  # (7)

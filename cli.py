@@ -274,7 +274,8 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
-        code = app(standalone_mode=False, prog_name="poise")
+        with terminal.insistent_interrupts():
+            code = app(standalone_mode=False, prog_name="poise")
         sys.stdout.flush()
     except PoiseError as error:
         if debug:

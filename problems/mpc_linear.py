@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from design.analysis.observer import Belief
-from design.model.buffered import Buffered
+from design.buffered import Buffered
 from design.solvers.conic import Clarabel, Cone, ConicProgram
 from design.solvers.outcome import Outcome, Status
 from problems.flat import Pattern, bands, with_end
@@ -92,10 +92,14 @@ class _Program:
         self._unit = CURVATURE / (model.R * np.abs(self._bands.tau).max() ** 2)
         self._q = self._unit * np.append(np.zeros(N), horizon.penalty)
         level = np.array([0.0, biped.M * biped.g - A])  # a force that makes gravity A: what the solver is scaled by
-        self._pattern.entries(self._limits(np.zeros(2), 0.0, level)[0][:, 1:])
+        self._pattern.entries(self._table(np.zeros(2), 0.0, level)[:, 1:])
         matrix = self._pattern.matrix()
         cones = [Cone("nonnegative", matrix.shape[0])]
         self.posed = ConicProgram(P=self._cost(), q=self._q, A=matrix, b=np.zeros(matrix.shape[0]), cones=cones)
+
+    def _table(self, x: Array, tau: float, F: Array) -> Array:
+        """Each limit component's margin and its slopes in theta, omega and tau (each, 4)."""
+        return self._limits(x=x, tau=tau, F=F)["table"].reshape(4, -1).T.copy()
 
     def _cost(self) -> sp.csc_matrix:
         model, N, along = self._model, self._count, self._bands
@@ -113,15 +117,16 @@ class _Program:
         """Pose the numbers of this step, solve, recheck."""
         N, along = self._count, self._bands
         F = np.array([belief.F_x, belief.F_y])
-        now = self._limits(np.array([belief.theta, belief.omega]), before, F)[0].copy()
-        there = self._limits(np.array([theta_f, 0.0]), 0.0, F)[0]
+        now = self._table(np.array([belief.theta, belief.omega]), before, F)
+        there = self._table(np.array([theta_f, 0.0]), 0.0, F)
         here = np.array([belief.theta - theta_f, belief.omega])
         if belief.ahead is None:
             points, q = self._response @ here, self._q
             margins = points @ there[:, 1:].T + there[:, 0]
         else:
             points, q = self._foreseen(belief.ahead, theta_f, here)
-            levels = self._levels(np.array([theta_f, 0.0]), 0.0, belief.ahead)[0].T
+            at_rest = self._levels(x=[theta_f, 0.0], tau=0.0, F=belief.ahead.T.ravel())
+            levels = at_rest["margins"].reshape(N + 1, -1)
             margins = points @ there[:, 1:].T + np.vstack([levels, levels[-1:]])
         margins[0] = (now[:, 0] + now[:, 1:] @ (points[0] - [*here, before])) * _as_steep(now[:, 3], there[:, 3])
         b = self._pattern.room(points, margins, before)
@@ -178,11 +183,11 @@ def _linearised(horizon: Horizon) -> ca.Function:
         *[limit.margin(limit.quantity(x, tau, F), level) / limit.scale for limit, level in horizon.rows]
     )
     table = ca.horzcat(margins, ca.densify(ca.jacobian(margins, ca.vertcat(x, tau))))
-    return ca.Function("linearised", [x, tau, F], [ca.densify(table)], {"cse": True})
+    return ca.Function("linearised", [x, tau, F], [ca.densify(table)], ["x", "tau", "F"], ["table"], {"cse": True})
 
 
 def _levels(linearised: ca.Function, count: int) -> ca.Function:
     """(x, tau, F (2, count)) -> the margins at each force (each, count)."""
     x, tau, F = ca.MX.sym("x", 2), ca.MX.sym("tau"), ca.MX.sym("F", 2, count)
     table = linearised.map(count)(ca.repmat(x, 1, count), ca.repmat(tau, 1, count), F)
-    return ca.Function("levels", [x, tau, F], [table[:, 0::4]])
+    return ca.Function("levels", [x, tau, F], [ca.densify(table[:, 0::4])], ["x", "tau", "F"], ["margins"])

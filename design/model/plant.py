@@ -68,13 +68,16 @@ def held(count: int) -> ca.Function:
     march = step.mapaccum("march", count)
     states, along = march(given[0], ca.repmat(given[1], 1, count), ca.repmat(given[2], 1, count), given[3])
     forces = reactions()(states[:, -1], given[1], given[2], given[4])
-    return ca.Function("held", given, [states[:, -1], along, forces])
+    return ca.Function(
+        "held", given, [states[:, -1], along, forces], ["x", "tau", "body", "u", "F"], ["x_next", "contact", "forces"]
+    )
 
 
 def reactions() -> ca.Function:
     """Any biped's (x (2), tau, body (6), F (2)) -> (F_T, F_H) [N]; ``body`` as in ``held``."""
     x, tau, body, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 6), ca.SX.sym("F", 2)
-    return ca.Function("reactions", [x, tau, body, F], [_equations(ca.vertsplit(body), x, tau, F)[1]])
+    reaction = _equations(ca.vertsplit(body), x, tau, F)[1]
+    return ca.Function("reactions", [x, tau, body, F], [reaction], ["x", "tau", "body", "F"], ["forces"])
 
 
 def _equations(numbers: Any, x: Any, tau: Any, F: Any) -> tuple[Any, Any, Any, Any]:

@@ -103,7 +103,8 @@ def _percent(share: float | None) -> str:
 
 
 def _differences_heading(document: Mapping[str, Any]) -> str:
-    return f"Differences from {document['reference']} in the same world and noise, with 95 % bootstrap intervals:"
+    where = f"Differences from {document['reference']} in the same world and noise"
+    return f"{where}, with 95 % intervals (bootstrap; Student's t below 10 pairs):"
 
 
 def _differences(document: Mapping[str, Any]) -> list[list[str]]:

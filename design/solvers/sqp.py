@@ -22,6 +22,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from design.buffered import Buffered
+
 Array = NDArray[np.float64]
 
 
@@ -88,7 +90,7 @@ class Measure:
         residuals = [program.phi - X, ca.fmin(program.g, 0), slope, ca.fmin(program.g, mu)]
         names = ["v", "X", "mu", "p"], list(Residuals._fields)
         made = [ca.densify(residual) for residual in residuals]
-        self._measured = Buffer(ca.Function("measured", [v, X, mu, program.p], made, *names, {"cse": True}))
+        self._measured = Buffered(ca.Function("measured", [v, X, mu, program.p], made, *names, {"cse": True}))
 
     def __call__(self, v: Array, X: Array, multiplier: Array, p: Array) -> Residuals:
         """The residuals at a point."""
@@ -104,9 +106,9 @@ class Sqp:
     def __init__(self, program: Explicit, *, tolerance: float = 2e-8, iterations: int = 25) -> None:
         self._tolerance, self._iterations = tolerance, iterations
         self._n, self._r = program.v.numel(), program.g.numel()
-        self.measure, self._condensed = Measure(program), Buffer(_condensed(program))
+        self.measure, self._condensed = Measure(program), Buffered(_condensed(program))
         shape = {"h": ca.Sparsity.dense(self._n, self._n), "a": ca.Sparsity.dense(self._r, self._n)}
-        self._qp = Buffer(ca.conic("qp", "daqp", shape, {"error_on_fail": False, "daqp": {"primal_tol": 1e-9}}))
+        self._qp = Buffered(ca.conic("qp", "daqp", shape, {"error_on_fail": False, "daqp": {"primal_tol": 1e-9}}))
         for name, bound in (("uba", np.inf), ("lbx", -np.inf), ("ubx", np.inf)):
             self._qp.given[name][:] = bound
 
@@ -143,33 +145,6 @@ class Sqp:
             return None
         Z = found["Z"].reshape(self._n, -1)  # transposed
         return v + dv, X + dv @ Z + found["d"], multiplier
-
-
-class Buffer:
-    """A CasADi function called through arrays ``given`` and returned by name, matrices as their columns in a row."""
-
-    def __init__(self, function: ca.Function) -> None:
-        self._buffer, self._run = function.buffer()
-        self.given = {function.name_in(k): np.zeros(function.nnz_in(k)) for k in range(function.n_in())}
-        self._found = {function.name_out(k): np.zeros(function.nnz_out(k)) for k in range(function.n_out())}
-        for k, room in enumerate(self.given.values()):
-            self._buffer.set_arg(k, memoryview(room))  # type: ignore
-        for k, room in enumerate(self._found.values()):
-            self._buffer.set_res(k, memoryview(room))  # type: ignore
-
-    def __call__(self, **arguments: Any) -> dict[str, Array]:
-        """Results, overwritten by the next call; arguments not named keep what they were."""
-        for name, value in arguments.items():
-            self.given[name][:] = value
-        self._run()
-        if self._buffer.ret():
-            for room in self._found.values():
-                room[:] = np.nan
-        return self._found
-
-    def stats(self) -> Any:
-        """What CasADi says of the last call."""
-        return self._buffer.stats()
 
 
 def _lagrangian(program: Explicit, mu: Any) -> tuple[Any, Any]:

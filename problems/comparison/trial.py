@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.analysis.simulate import FALLEN
+from design.buffered import Buffered
 from design.model.actuator import Actuator
 from design.model.body import Biped
-from design.model.buffered import Buffered
 from design.model.environment import Scenario
 from design.model.laws import Controller, Measurement
 from design.model.plant import held, reactions
@@ -96,21 +96,21 @@ def run(world: World, controller: Controller[Any], actuator: Actuator, step: flo
     way = course(scenario, actuator.period, step)
     count = len(way.t)
     plant, reaction = _plant(way.u.shape[2])
-    body = np.array([[biped.M], [biped.L], [biped.I], [biped.m], [biped.ell], [biped.g]])
+    body = [biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g]
     states, torque = np.full((2, count + 1), np.nan), np.full(count, np.nan)
     contact, seconds = np.full((3, count), np.nan), np.full(count, np.nan)
-    x = np.array([[scenario.theta0], [scenario.omega0]])
+    x = np.array([scenario.theta0, scenario.omega0])
     delay = round(sensors.delay / actuator.period)
-    then = reaction(x, 0.0, body, np.zeros(2))[0][:, 0].tolist()
+    then = reaction(x=x, tau=0.0, body=body, F=0.0)["forces"].tolist()
     readings = [Measurement(scenario.theta0, scenario.omega0, *then)] * delay  # before the start
     tau, lost, fallen, failed = 0.0, None, None, ""
-    forces = reaction(x, tau, body, way.force[:, :1])[0]
-    ahead = np.column_stack([way.force[:, 1:], way.force[:, -1:]])
+    forces = reaction(x=x, tau=tau, body=body, F=way.force[:, 0])["forces"]
+    ahead = np.column_stack([way.force[:, 1:], way.force[:, -1:]]).T
     memory: Any = None
     k = -1
     for k in range(count):
-        states[:, k] = x[:, 0]
-        readings.append(Measurement(float(x[0, 0]), float(x[1, 0]), float(forces[0, 0]), float(forces[1, 0])))
+        states[:, k] = x
+        readings.append(Measurement(*x.tolist(), *forces.tolist()))
         told = readings[k] if world.draws is None else sensors.reading(readings[k], world.draws[k])
         began = time.perf_counter()
         try:
@@ -126,16 +126,16 @@ def run(world: World, controller: Controller[Any], actuator: Actuator, step: flo
             break
         tau = actuator.given(wanted, tau)
         torque[k] = tau
-        after, along, forces = plant(x, tau, body, way.u[k], ahead[:, k : k + 1])
-        x = after.copy()
+        after = plant(x=x, tau=tau, body=body, u=way.u[k].T.ravel(), F=ahead[k])
+        x, forces, along = after["x_next"].copy(), after["forces"], after["contact"].reshape(-1, 3).T
         contact[:, k] = along.min(axis=1)
         if not (contact[0, k] >= 0 and contact[1, k] >= 0):
             lost = _lost(along, way.u[k], float(way.t[k]))
             break
-        if not abs(x[0, 0]) < FALLEN:
+        if not abs(x[0]) < FALLEN:
             fallen = float(way.t[k]) + actuator.period
             break
-    states[:, k + 1] = x[:, 0]
+    states[:, k + 1] = x
     n = k + 1
     return Run(
         t=way.t[:n], states=states[:, : n + 1], torque=torque[:n], contact=contact[:, :n], seconds=seconds[:n],

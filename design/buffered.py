@@ -24,9 +24,9 @@ class Buffered:
         self.given = {function.name_in(k): np.zeros(function.nnz_in(k)) for k in range(function.n_in())}
         self._found = {function.name_out(k): np.zeros(function.nnz_out(k)) for k in range(function.n_out())}
         for k, room in enumerate(self.given.values()):
-            self._buffer.set_arg(k, memoryview(room))
+            self._buffer.set_arg(k, room.data)
         for k, room in enumerate(self._found.values()):
-            self._buffer.set_res(k, memoryview(room))
+            self._buffer.set_res(k, room.data)
 
     def __call__(self, **arguments: Any) -> dict[str, Array]:
         """Results by name; arguments that are not named keep what they were."""

@@ -27,12 +27,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bands:
-    """Matrices from (y_2 .. y_{N+1}) to e and omega (N+1, N) and tau (N, N); ``points`` (N+2, 3, N) to all of them."""
+    """Matrices from (y_2 .. y_{N+1}) to e and omega (N+1, N) and tau (N, N); ``points`` (N+2, 3, N) to all of them.
+
+    ``turn`` (2, N): to e and omega at N.
+    """
 
     e: Array
     omega: Array
     tau: Array
     points: Array
+    turn: Array
 
 
 def bands(model: Posture, count: int) -> Bands:
@@ -43,7 +47,7 @@ def bands(model: Posture, count: int) -> Bands:
     second = np.eye(count, count + 2) - 2 * c * np.eye(count, count + 2, 1) + np.eye(count, count + 2, 2)
     unit = 0.5 / model.Bd[0]
     e, omega, tau = 0.5 * both[:, 2:], unit * model.Bd[1] * step[:, 2:], unit * second[:, 2:]
-    return Bands(e=e, omega=omega, tau=tau, points=with_end(model, e, omega, tau))
+    return Bands(e=e, omega=omega, tau=tau, points=with_end(model, e, omega, tau), turn=np.stack([e[-1], omega[-1]]))
 
 
 def with_end(model: Posture, e: Array, omega: Array, tau: Array, goal: float = 0.0) -> Array:
@@ -57,15 +61,16 @@ def with_end(model: Posture, e: Array, omega: Array, tau: Array, goal: float = 0
 class Pattern:
     """The matrix of the rows over (y, sigma), by columns; its entries change with the limits' slopes.
 
-    Rows: ``each`` components of limits at every point, soft; then tau_k and tau_k - tau_{k-1} from above and from below
-    as far as the actuator limits them, scaled by ``size`` [N m], soft only at the end; then sigma >= 0.
+    ``points`` (N+2, 3, N), or without the ends (N, 3, N). Rows: ``each`` components of limits at every point, soft;
+    then tau_k and tau_k - tau_{k-1} from above and from below as far as the actuator limits them, scaled by ``size``
+    [N m], soft only at the end; then sigma >= 0. ``give`` (rows,): how far each row gives way to sigma.
     """
 
-    def __init__(self, along: Bands, each: int, actuator: Actuator, step: float, size: float) -> None:
-        points = along.points
+    def __init__(self, points: Array, each: int, actuator: Actuator, step: float, size: float) -> None:
         N = points.shape[2]
-        self.soft, self.size = each * (N + 2), size
-        torques = points[: N + 1, 2]
+        steps = min(N + 1, len(points))
+        self.soft, self.size = each * len(points), size
+        torques = points[:steps, 2]
         changes = np.diff(torques, axis=0, prepend=0.0)
         reach, fixed = [], []
         for rows, most, first in (
@@ -74,15 +79,17 @@ class Pattern:
         ):
             if np.isfinite(most):
                 fixed += [rows / size, -rows / size]
-                reach.append(np.append(first, np.full(N, most)) / size)
+                reach.append(np.append(first, np.full(steps - 1, most)) / size)
         self.limited = (bool(np.isfinite(actuator.torque)), bool(np.isfinite(actuator.rate)))
         self.reach = reach
         stacked = np.vstack([*fixed, np.zeros((0, N))])
         at_end = np.zeros(len(stacked))
-        at_end[N :: N + 1] = -1.0
+        if steps > N:
+            at_end[N::steps] = -1.0
         constant = np.zeros((self.soft + len(stacked) + 1, N + 1))
         constant[: self.soft, N] = constant[-1, N] = -1.0
         constant[self.soft : -1] = np.column_stack([stacked, at_end])
+        self.give, self._steps = -constant[:, N], steps
         spread = np.repeat(points, each, axis=0)
         filled = constant != 0
         filled[: self.soft, :N] |= (spread != 0).any(axis=1)
@@ -110,10 +117,10 @@ class Pattern:
         return self._data
 
     def room(self, points: Array, margins: Array, before: float) -> Array:
-        """How far each row is from its bound: at ``points`` (N+2, 3), with limits' ``margins`` (N+2, each) there."""
+        """How far each row is from its bound: at ``points`` (.., 3), with limits' ``margins`` (.., each) there."""
         parts = [margins.ravel()]
         if self.reach:
-            torques = points[:-1, 2]
+            torques = points[: self._steps, 2]
             values = [torques] * self.limited[0] + [np.diff(torques, prepend=before)] * self.limited[1]
             for value, most in zip(values, self.reach, strict=True):
                 parts += [most - value / self.size, most + value / self.size]

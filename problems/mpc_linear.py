@@ -5,14 +5,17 @@ subject to  the same limits, linearised about the stationary posture, in the fir
 
 *Rows.* A ``Limit`` is linearised with its own CasADi function; f_y depends on the torque through theta'' (7), and so do
 F_T and F_H beyond their -+tau/(2 ell). In the first step they are affine in the torque as they stand, and exact.
-*Coordinates.* Those of ``problems.flat``: N + 1 unknowns, no equalities, banded. *Shortcut.* Where the LQR response
-keeps every limit it is the optimum, and no QP is solved. *Model.* A is taken from a grid of half a per cent; theta_f is
-exact, so that nothing is offset at rest.
+*Coordinates.* Those of ``problems.flat``: N + 1 unknowns, no equalities, banded. *Shortcuts.* Where the LQR response
+keeps every limit it is the optimum, and no QP is solved. Where it breaks none after a part of the horizon, that part is
+solved first, and continued by LQR: a program with fewer rows, so that its optimum, if it keeps them all, is the whole
+one's (Scokaert and Rawlings 1998). *Model.* A is taken from a grid of half a per cent; theta_f is exact, so that
+nothing is offset at rest.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -23,133 +26,222 @@ from numpy.typing import NDArray
 
 from design.analysis.observer import Belief
 from design.buffered import Buffered
-from design.solvers.conic import Clarabel, Cone, ConicProgram
+from design.solvers.conic import Clarabel, Cone, ConicAnswer, ConicProgram
 from design.solvers.outcome import Outcome, Status
 from problems.flat import Pattern, bands, with_end
-from problems.prediction import Horizon, posture, stationary
+from problems.prediction import Horizon, Posture, posture, stationary
 from problems.receding import Plan
 
 Array = NDArray[np.float64]
 
 GRID = 0.005
 """Ratio between neighbouring values of A for which a model is built."""
-CURVATURE = 3e5
+CURVATURE = 3e4
 """The objective is scaled until torque curves it this much: near rest costs are tiny, and Clarabel's tolerances are
 absolute as well as relative."""
 BROKEN = 1e-5
 """How far a row of the answer may be broken, by its scale."""
+PART = 0.4
+"""The part of the horizon that is solved first."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinearPlanner:
-    """Plans with the QP; ``shortcut`` is whether the LQR response is taken without solving where it is the optimum.
+    """Plans with the QP; ``shortcut`` is whether what needs no QP, or a part of it only, is tried first.
 
-    Its ``solvers``, by the size of A, are its own: Clarabel's last digits depend on what it solved before.
+    Its ``solvers``, by the size of A and the length, are its own: Clarabel's last digits depend on what it solved
+    before.
     """
 
     horizon: Horizon
     shortcut: bool = True
-    solvers: dict[int, Clarabel] = field(default_factory=dict)
+    solvers: dict[tuple[int, int], Clarabel] = field(default_factory=dict)
 
     def plan(self, t: float, belief: Belief, before: float, previous: Plan | None) -> Outcome[Plan]:
         """See ``problems.receding.Planner``."""
         A, theta_f = stationary(self.horizon.biped, belief.F_x, belief.F_y)
         steps = round(math.log(max(A / self.horizon.biped.weight, 1e-3)) / GRID)
-        program = _program(self.horizon, steps)
-        if steps not in self.solvers:
-            self.solvers[steps] = Clarabel(program.posed, tolerance=1e-7, seconds=1.0)
-        return program.plan(self.solvers[steps], t, belief, theta_f, before, shortcut=self.shortcut)
+
+        def solver(program: _Program) -> Clarabel:
+            key = (steps, program.count)
+            if key not in self.solvers:
+                self.solvers[key] = Clarabel(program.posed, tolerance=1e-7, seconds=1.0)
+            return self.solvers[key]
+
+        return _prediction(self.horizon, steps).plan(solver, t, belief, theta_f, before, shortcut=self.shortcut)
 
 
 @lru_cache(maxsize=64)
-def _program(horizon: Horizon, steps: int) -> _Program:
-    return _Program(horizon, horizon.biped.weight * float(np.exp(GRID * steps)))
+def _prediction(horizon: Horizon, steps: int) -> _Prediction:
+    return _Prediction(horizon, horizon.biped.weight * float(np.exp(GRID * steps)))
 
 
 class _Program:
-    """The QP for one value of A: what does not change from step to step, built once."""
+    """The QP over the deviation in the first ``count`` steps; ``slopes`` (each, 3) of the limits are an example."""
+
+    def __init__(self, horizon: Horizon, model: Posture, count: int, slopes: Array, *, ends: bool) -> None:
+        self.count, along = count, bands(model, count)
+        self.bands = along
+        size = horizon.biped.weight * horizon.biped.ell
+        points = along.points if ends else along.points[:count]
+        self.pattern = Pattern(points, len(slopes), horizon.actuator, horizon.tuning.step, size)
+        self.unit = CURVATURE / (model.R * np.abs(along.tau).max() ** 2)
+        self.q = self.unit * np.append(np.zeros(count), horizon.penalty)
+        cost = along.e[:count].T @ along.e[:count] + model.R * along.tau.T @ along.tau
+        cost += model.Q[1, 1] * along.omega[:count].T @ along.omega[:count]
+        cost += along.turn.T @ model.P @ along.turn
+        whole = np.zeros((count + 1, count + 1))
+        whole[:count, :count] = self.unit * (cost + cost.T)
+        self.pattern.entries(slopes)
+        matrix = self.pattern.matrix()
+        rows = matrix.shape[0]
+        self.posed = ConicProgram(
+            P=sp.csc_matrix(whole), q=self.q, A=matrix, b=np.zeros(rows), cones=[Cone("nonnegative", rows)]
+        )
+
+    def solve(self, solver: Clarabel, slopes: Array, q: Array, b: Array) -> ConicAnswer:
+        """Solve it with these numbers."""
+        solver.update(q=q, A=self.pattern.entries(slopes), b=b)
+        return solver.solve()
+
+
+class _Rows:
+    """The limits at this moment: affine, ``slopes`` (each, 3), and in the first step about the state itself.
+
+    ``levels`` (each,) or (N+2, each) are the margins at rest; ``now`` (each, 4) margin and slopes at ``at`` (3), the
+    state and the torque until now.
+    """
+
+    def __init__(self, pattern: Pattern, slopes: Array, levels: Array, now: Array, at: Array) -> None:
+        self._pattern, self.slopes, self._levels = pattern, slopes, levels
+        steep = _as_steep(now[:, 3], slopes[:, 2])
+        self._first, self._first_level = now[:, 1:] * steep[:, None], (now[:, 0] - now[:, 1:] @ at) * steep
+        self.before = float(at[2])
+
+    def margins(self, points: Array) -> Array:
+        """Each limit's (N+2, each) at ``points`` (N+2, 3)."""
+        found: Array = points @ self.slopes.T + self._levels
+        found[0] = self._first @ points[0] + self._first_level
+        return found
+
+    def room(self, points: Array, margins: Array) -> Array:
+        """How far each row is from its bound."""
+        return self._pattern.room(points, margins, self.before)
+
+    def broken(self, points: Array, sigma: float) -> float:
+        """By how much the worst row is broken, given ``sigma``."""
+        return -float((self.room(points, self.margins(points)) + self._pattern.give * sigma).min())
+
+
+class _Prediction:
+    """The prediction for one value of A: what does not change from step to step, built once."""
 
     def __init__(self, horizon: Horizon, A: float) -> None:
         tuning, biped = horizon.tuning, horizon.biped
         self._horizon, self._model, self._count = horizon, posture(biped, tuning, A), tuning.horizon
         model, N = self._model, self._count
-        self._bands = bands(model, N)
         closed = model.Ad - np.outer(model.Bd, model.K)
         response = [np.eye(2)]
         for _ in range(N):
             response.append(closed @ response[-1])
         states = np.array(response)
         self._free = states
-        self._response = with_end(model, states[:, 0], states[:, 1], -(model.K @ states[:N]))
+
+        def response_over(count: int) -> Array:
+            """The points (count + 2, 3, 2) of LQR's response to a state."""
+            return with_end(model, states[: count + 1, 0], states[: count + 1, 1], -(model.K @ states[:count]))
+
+        self._response = response_over(N)
         self._pushed = np.zeros((N + 1, 2, N))  # what an extra torque at one step does to the states after it
         for k in range(N):
             self._pushed[k + 1 :, :, k] = states[: N - k] @ model.Bd
         linearised = _linearised(horizon)
         self._limits = Buffered(linearised)
         self._levels = Buffered(_levels(linearised, N + 1))
-        each = sum(limit.quantity.size1_out(0) for limit, _ in horizon.rows)
-        self._pattern = Pattern(self._bands, each, horizon.actuator, tuning.step, biped.weight * biped.ell)
-        self._unit = CURVATURE / (model.R * np.abs(self._bands.tau).max() ** 2)
-        self._q = self._unit * np.append(np.zeros(N), horizon.penalty)
         level = np.array([0.0, biped.M * biped.g - A])  # a force that makes gravity A: what the solver is scaled by
-        self._pattern.entries(self._table(np.zeros(2), 0.0, level)[:, 1:])
-        matrix = self._pattern.matrix()
-        cones = [Cone("nonnegative", matrix.shape[0])]
-        self.posed = ConicProgram(P=self._cost(), q=self._q, A=matrix, b=np.zeros(matrix.shape[0]), cones=cones)
+        slopes = self._table(np.zeros(2), 0.0, level)[:, 1:]
+        self._whole = _Program(horizon, model, N, slopes, ends=True)
+        self._part = _Program(horizon, model, round(PART * N), slopes, ends=False)
+        self._tail = response_over(N - self._part.count)
 
     def _table(self, x: Array, tau: float, F: Array) -> Array:
         """Each limit component's margin and its slopes in theta, omega and tau (each, 4)."""
         return self._limits(x=x, tau=tau, F=F)["table"].reshape(4, -1).T.copy()
 
-    def _cost(self) -> sp.csc_matrix:
-        model, N, along = self._model, self._count, self._bands
-        cost = along.e[:N].T @ along.e[:N] + model.R * along.tau.T @ along.tau
-        cost += model.Q[1, 1] * along.omega[:N].T @ along.omega[:N]
-        end = np.vstack([along.e[N], along.omega[N]])
-        cost += end.T @ model.P @ end
-        whole = np.zeros((N + 1, N + 1))
-        whole[:N, :N] = self._unit * (cost + cost.T)
-        return sp.csc_matrix(whole)
-
     def plan(
-        self, solver: Clarabel, t: float, belief: Belief, theta_f: float, before: float, *, shortcut: bool
+        self,
+        solver: Callable[[_Program], Clarabel],
+        t: float,
+        belief: Belief,
+        theta_f: float,
+        before: float,
+        *,
+        shortcut: bool,
     ) -> Outcome[Plan]:
         """Pose the numbers of this step, solve, recheck."""
-        N, along = self._count, self._bands
         F = np.array([belief.F_x, belief.F_y])
-        now = self._table(np.array([belief.theta, belief.omega]), before, F)
-        there = self._table(np.array([theta_f, 0.0]), 0.0, F)
         here = np.array([belief.theta - theta_f, belief.omega])
+        there = self._table(np.array([theta_f, 0.0]), 0.0, F)
+        levels = there[:, 0]
         if belief.ahead is None:
-            points, q = self._response @ here, self._q
-            margins = points @ there[:, 1:].T + there[:, 0]
+            points, q = self._response @ here, self._whole.q
         else:
             points, q = self._foreseen(belief.ahead, theta_f, here)
-            at_rest = self._levels(x=[theta_f, 0.0], tau=0.0, F=belief.ahead.T.ravel())
-            levels = at_rest["margins"].reshape(N + 1, -1)
-            margins = points @ there[:, 1:].T + np.vstack([levels, levels[-1:]])
-        margins[0] = (now[:, 0] + now[:, 1:] @ (points[0] - [*here, before])) * _as_steep(now[:, 3], there[:, 3])
-        b = self._pattern.room(points, margins, before)
-        states, torque = points[: N + 1, :2].T.copy(), points[:N, 2]
-        detail = "LQR's response keeps every limit"
-        if not (shortcut and belief.ahead is None and b.min() >= 0):
-            solver.update(q=q, A=self._pattern.entries(there[:, 1:]), b=b)
-            answer = solver.solve()
-            detail = f"Clarabel: {answer.said}"
-            if not answer.solved:
-                return Outcome(status=Status.STALLED, detail=detail)
-            if (solver.product(answer.x) - b).max() > BROKEN:
-                return Outcome(status=Status.DISAGREEMENT, detail=f"{detail}, but a row is broken")
-            y = answer.x[:N]
-            states += [along.e @ y, along.omega @ y]
-            torque = torque + along.tau @ y
+            at_rest = self._levels(x=[theta_f, 0.0], tau=0.0, F=belief.ahead.T.ravel())["margins"]
+            levels = at_rest.reshape(self._count + 1, -1)
+            levels = np.vstack([levels, levels[-1:]])
+        now = self._table(np.array([belief.theta, belief.omega]), before, F)
+        rows = _Rows(self._whole.pattern, there[:, 1:], levels, now, np.append(here, before))
+        margins = rows.margins(points)
+        if shortcut and belief.ahead is None:
+            if rows.room(points, margins).min() >= 0:
+                return self._planned(t, theta_f, points, "LQR's response keeps every limit")
+            begun = self._begun(solver, rows, points, margins)
+            if begun is not None:
+                return self._planned(t, theta_f, *begun)
+        whole = self._whole
+        answer = whole.solve(solver(whole), rows.slopes, q, rows.room(points, margins))
+        detail = f"Clarabel: {answer.said}"
+        if not answer.solved:
+            return Outcome(status=Status.STALLED, detail=detail)
+        points = points + whole.bands.points @ answer.x[:-1]
+        if rows.broken(points, float(answer.x[-1])) > BROKEN:
+            return Outcome(status=Status.DISAGREEMENT, detail=f"{detail}, but a row is broken")
+        return self._planned(t, theta_f, points, detail)
+
+    def _begun(
+        self, solver: Callable[[_Program], Clarabel], rows: _Rows, points: Array, margins: Array
+    ) -> tuple[Array, str] | None:
+        """The optimum, by a deviation in the first part only; None where that does not give it."""
+        part = self._part
+        n = part.count
+        if (margins[n:] < 0).any():
+            return None
+        b = part.pattern.room(points[:n], margins[:n], rows.before)
+        answer = part.solve(solver(part), rows.slopes, part.q, b)
+        if not answer.solved:
+            return None
+        continued = self._continued(points, answer.x[:-1])
+        if rows.broken(continued, float(answer.x[-1])) > BROKEN:
+            return None
+        return continued, f"Clarabel: {answer.said}, then LQR"
+
+    def _continued(self, points: Array, y: Array) -> Array:
+        """The points (N+2, 3) with the deviation ``y`` in the first part, and from there on by LQR."""
+        n, along = self._part.count, self._part.bands
+        state = points[n, :2] + along.turn @ y
+        return np.concatenate([points[:n] + along.points[:n] @ y, self._tail @ state])
+
+    def _planned(self, t: float, theta_f: float, points: Array, detail: str) -> Outcome[Plan]:
+        N = self._count
+        states = points[: N + 1, :2].T.copy()
         states[0] += theta_f
-        plan = Plan(start=t, step=self._horizon.tuning.step, torque=torque, states=states)
+        plan = Plan(start=t, step=self._horizon.tuning.step, torque=points[:N, 2].copy(), states=states)
         return Outcome(status=Status.SOLVED, detail=detail, found=plan)
 
     def _foreseen(self, ahead: Array, theta_f: float, here: Array) -> tuple[Array, Array]:
         """For a force that changes: the points of a response (N+2, 3), and the cost's gradient there (N+1,)."""
-        biped, model, N, along = self._horizon.biped, self._model, self._count, self._bands
+        biped, model, N, along = self._horizon.biped, self._model, self._count, self._whole.bands
         goal = np.arctan2(-ahead[0], biped.M * biped.g - ahead[1]) - theta_f
         change = ahead - ahead[:, :1]
         turning = biped.L * (change[0] * np.cos(theta_f) - change[1] * np.sin(theta_f))  # as a torque [N m]
@@ -162,7 +254,7 @@ class _Program:
         gradient = along.e[:N].T @ away[:N] + model.Q[1, 1] * along.omega[:N].T @ omega[:N]
         gradient += model.R * along.tau.T @ torque + along.e[N] * end[0] + along.omega[N] * end[1]
         points = with_end(model, states[:, 0], omega, torque, float(goal[N]))
-        return points, self._unit * np.append(2 * gradient, self._horizon.penalty)
+        return points, self._whole.unit * np.append(2 * gradient, self._horizon.penalty)
 
 
 def _as_steep(now: Array, there: Array) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from design.analysis.observer import Belief
@@ -214,6 +214,32 @@ def test_two_other_solvers_find_the_same_plan(case, solver):
 
 
 # ---- limits
+
+
+@given(st.floats(-8.0, 8.0), st.floats(-0.3, 0.3), st.floats(-0.6, 0.6), st.sampled_from(["ankle", "limited", "wish"]))
+@settings(max_examples=150, deadline=None)
+@example(6.5, -0.113, 0.0, "ankle")
+@example(0.0, 0.05, -0.2, "limited")
+@example(7.6, -0.132, 0.0, "ankle")
+@example(3.0, 0.1, 0.3, "wish")
+def test_a_part_continued_by_lqr_is_taken_only_where_it_is_the_optimum_of_the_whole(degrees, theta, omega, kind):
+    actuator = Actuator(period=0.02, torque=30.0, rate=600.0) if kind == "limited" else None
+    required = {**CONTACT, "cop-margin": Required(level=0.03)} if kind == "wish" else CONTACT
+    belief = Belief(theta, omega, *_slope(degrees))
+    quick = _planner(actuator=actuator, required=required).plan(0.0, belief, 0.0, None)
+    whole = _planner(actuator=actuator, required=required, shortcut=False).plan(0.0, belief, 0.0, None)
+    assert quick.status is whole.status
+    if quick.status is Status.SOLVED:
+        assert quick.value.torque == pytest.approx(whole.value.torque, abs=2e-3)
+        assert quick.value.states == pytest.approx(whole.value.states, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "way"),
+    [(0.5, "LQR's response keeps every limit"), (6.5, "Clarabel: Solved, then LQR"), (9.0, "Clarabel: Solved")],
+)
+def test_from_rest_the_slope_says_how_much_must_be_solved(degrees, way):
+    assert _planner().plan(0.0, Belief(0.0, 0.0, *_slope(degrees)), 0.0, None).detail == way
 
 
 @given(st.floats(-7.0, 7.0), st.floats(-0.01, 0.01), st.floats(-0.1, 0.1))

@@ -3,6 +3,8 @@
 A Kalman filter with constant gain. The external force is a random walk of ``walk`` [N/√s]. The load F_T + F_H shows
 F_y by (5)-(7); F_x shows in the rate, by (2), one period late: that is what a sudden slope costs who is not told of it.
 The prediction is the nonlinear model under the torque that was applied; at rest both estimates are (16) and (17).
+Who is told the force estimates, more slowly, what is missing in it: a body that is not the nominal one acts like a
+force.
 Measurements that are ``delay`` periods old are brought up to now with the torques given since.
 """
 
@@ -24,9 +26,15 @@ from design.model.sensing import Sensors
 
 Array = NDArray[np.float64]
 
+MISSING = 0.1
+"""How fast what is missing in a force that is told walks, by how fast one does that is not."""
+
 
 class Seen(NamedTuple):
-    """An estimate at the time of the last measurement: theta [rad], omega [rad/s], F_x and F_y [N]."""
+    """An estimate at the time of the last measurement: theta [rad], omega [rad/s], F_x and F_y [N].
+
+    Of an observer that is told a force: what is missing in it.
+    """
 
     theta: float
     omega: float
@@ -63,8 +71,8 @@ class Observer:
     """The filter for ``biped``, called once a ``period`` [s], with measurements ``delay`` periods old.
 
     ``gain`` (3, 2) corrects theta, omega and F_x by the errors of angle and rate, ``gain_y`` F_y by that of the load.
-    ``known`` gives the force (F_x, F_y) at a time where it need not be estimated, and ``future`` the force over the
-    prediction that begins then.
+    ``known`` gives the force (F_x, F_y) that is told at a time, and ``future`` the one over the prediction that begins
+    then; what is estimated is then what is missing in it.
     """
 
     biped: Biped
@@ -83,33 +91,41 @@ class Observer:
         self, t: float, measurement: Measurement, torques: Sequence[float], seen: Seen | None
     ) -> tuple[Belief, Seen]:
         """See ``Informant``."""
-        measured_at = t - self.delay * self.period
-        seen = self._corrected(measured_at, measurement, torques[0], seen)
-        theta, omega, F_x, F_y = seen
+        at = t - self.delay * self.period
+        seen = self._corrected(at, measurement, torques[0], seen)
+        theta, omega = seen.theta, seen.omega
         for tau in torques[1:]:
-            theta, omega = self._ahead(theta, omega, tau, F_x, F_y)
-        if self.known is not None:
-            F_x, F_y = self.known(t)
-        return Belief(theta, omega, F_x, F_y, None if self.future is None else self.future(t)), seen
+            at += self.period
+            theta, omega = self._ahead(theta, omega, tau, *self._force(at - 0.5 * self.period, seen))
+        F_x, F_y = self._force(t, seen)
+        ahead = None if self.future is None else self.future(t) + np.array([[seen.F_x], [seen.F_y]])
+        return Belief(theta, omega, F_x, F_y, ahead), seen
+
+    def _force(self, t: float, seen: Seen) -> tuple[float, float]:
+        """The force at ``t``, and what was told for the middle of a period counts for the whole."""
+        if self.known is None:
+            return seen.F_x, seen.F_y
+        told = self.known(max(t, 0.0))
+        return told[0] + seen.F_x, told[1] + seen.F_y
 
     def _corrected(self, t: float, measurement: Measurement, tau: float, seen: Seen | None) -> Seen:
         """The estimate at the time ``t`` of the ``measurement``; until then the torque was ``tau``."""
         biped = self.biped
+        first = seen is None
         if seen is None:
-            theta, omega, F_x, F_y = measurement.theta, measurement.omega, 0.0, 0.0
+            seen = Seen(measurement.theta, measurement.omega, 0.0, 0.0)
         else:
-            theta, omega = self._ahead(seen.theta, seen.omega, tau, seen.F_x, seen.F_y)
-            angle_off, rate_off = measurement.theta - theta, measurement.omega - omega
+            force = self._force(t - 0.5 * self.period, seen)
+            theta, omega = self._ahead(seen.theta, seen.omega, tau, *force)
+            off = measurement.theta - theta, measurement.omega - omega
             (a, b), (c, d), (e, f) = self.gain
-            theta += a * angle_off + b * rate_off
-            omega += c * angle_off + d * rate_off
-            F_x, F_y = seen.F_x + e * angle_off + f * rate_off, seen.F_y
-        if self.known is not None:
-            return Seen(theta, omega, *self.known(max(t, 0.0)))
-        acceleration = _acceleration(biped, theta, tau, F_x, F_y)
-        down = biped.M * biped.L * (acceleration * math.sin(theta) + omega**2 * math.cos(theta))
+            theta, omega = theta + a * off[0] + b * off[1], omega + c * off[0] + d * off[1]
+            seen = Seen(theta, omega, seen.F_x + e * off[0] + f * off[1], seen.F_y)
+        F_x, F_y = self._force(t, seen)
+        acceleration = _acceleration(biped, seen.theta, tau, F_x, F_y)
+        down = biped.M * biped.L * (acceleration * math.sin(seen.theta) + seen.omega**2 * math.cos(seen.theta))
         apparent = biped.weight - (measurement.F_T + measurement.F_H) - down  # (5)-(7); at rest (16)
-        return Seen(theta, omega, F_x, F_y + (1.0 if seen is None else self.gain_y) * (apparent - F_y))
+        return seen._replace(F_y=seen.F_y + (1.0 if first else self.gain_y) * (apparent - F_y))
 
     def _ahead(self, theta: float, omega: float, tau: float, F_x: float, F_y: float) -> tuple[float, float]:
         """One period later, by a Runge-Kutta step of (1)-(2)."""
@@ -135,7 +151,12 @@ def observer(
     known: Callable[[float], tuple[float, float]] | None = None,
     future: Callable[[float], Array] | None = None,
 ) -> Observer:
-    """The observer that is best on average for these ``sensors`` if the force walks by ``walk`` [N/√s]."""
+    """The observer that is best on average for these ``sensors`` if the force walks by ``walk`` [N/√s].
+
+    What is missing in a force that is ``known`` walks by ``MISSING`` times as much.
+    """
+    if known is not None:
+        walk *= MISSING
     gain, gain_y = _gains(biped, sensors, period, walk)
     return Observer(
         biped=biped, period=period, delay=round(sensors.delay / period), gain=gain, gain_y=gain_y, known=known,

@@ -1,6 +1,7 @@
 """What the observer believes: (16)-(17) at rest, the truth a period later when nothing disturbs, and now, not then."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from design.model.environment import profile, slope
 from design.model.laws import Gains, Measurement, SampledLaw
 from design.model.sensing import Sensors
 from problems.comparison.trial import World, run
+from problems.prediction import stationary
 
 PAPER = Biped(M=50.0, L=0.75, I=7.03125, m=0.1, ell=0.1)
 PERIOD = 0.005
@@ -86,6 +88,19 @@ def test_who_is_told_the_force_does_not_estimate_it():
     _, found, force = _watched(STEADY, Sensors(angle=1e-3, rate=1e-2, force=5.0), np.zeros((100, 4)),
                                known=lambda t: (20.0, 15.0))  # fmt: skip
     assert found[2:] == pytest.approx(force)
+
+
+@pytest.mark.parametrize("told", [None, lambda t: (20.0, 15.0)])
+def test_a_body_that_is_not_the_nominal_one_is_believed_to_stand_where_it_does(told):
+    """What the nominal body needs to rest where the real one does is made up by a force, told or not."""
+    real = replace(PAPER, M=53.0, L=0.73)
+    control = _Watching(Sensors(), known=told)
+    world = World(biped=real, scenario=replace(STEADY, duration=30.0), sensors=Sensors(), draws=None)
+    ended = run(world, control, Actuator(period=PERIOD), 1e-3)
+    _, posture = stationary(real, 20.0, 15.0)
+    assert ended.states[0, -1] == pytest.approx(posture, abs=1e-6)
+    *_, F_x, F_y = control.beliefs[-1]
+    assert stationary(PAPER, F_x, F_y)[1] == pytest.approx(posture, abs=1e-5)
 
 
 def test_the_filter_is_better_than_the_sensors_and_its_force_than_a_difference_of_rates():

@@ -60,25 +60,28 @@ class Trajectory:
 
 @lru_cache(maxsize=64)
 def _runner(loop: ClosedLoop, scenario: Scenario, step: float) -> tuple[Steps, ca.Function]:
-    """The samples, and a function K -> theta, omega, s, tau, F_T, F_H at all of them (6, N+1).
+    """The samples, and a function (K, s at t = 0) -> theta, omega, s, tau, F_T, F_H at all of them (6, N+1).
 
     Built once with the scenario inside: CasADi does not give back what it builds, and handing it large arrays at every
     call takes longer than the run.
     """
     steps = scenario.steps(step)
     count = len(steps.h)
-    K = ca.MX.sym("K", 3)
-    z0 = ca.DM([scenario.theta0, scenario.omega0, 0.0])
+    K, s0 = ca.MX.sym("K", 3), ca.MX.sym("s0")
+    z0 = ca.vertcat(scenario.theta0, scenario.omega0, s0)
     inputs = ca.DM(np.vstack([steps.h, steps.start, steps.middle, steps.end]))
     z = ca.horzcat(z0, loop.march(count)(z0, inputs, ca.repmat(K, 1, count)))
     y = loop.readout.map(count + 1)(z, ca.DM(steps.force), ca.repmat(K, 1, count + 1))
-    return steps, ca.Function("run", [K], [ca.vertcat(z, y)])
+    return steps, ca.Function("run", [K, s0], [ca.vertcat(z, y)])
 
 
-def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float) -> Trajectory:
-    """Run ``loop`` with ``gains`` through ``scenario``, with Runge-Kutta steps of ``step`` [s]."""
+def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0: float = 0.0) -> Trajectory:
+    """Run ``loop`` with ``gains`` through ``scenario``, with Runge-Kutta steps of ``step`` [s].
+
+    ``s0`` is the law's integral at t = 0, in the unit of its kind (N s, or m s for ``cop``).
+    """
     steps, run = _runner(loop, scenario, step)
-    found = run(ca.DM(gains)).full()
+    found = run(ca.DM(gains), s0).full()
     upright = np.all(np.isfinite(found), axis=0) & (np.abs(found[0]) < FALLEN)
     fallen = None
     if not upright.all():

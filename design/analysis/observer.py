@@ -92,7 +92,7 @@ class Observer:
     ) -> tuple[Belief, Seen]:
         """See ``Informant``."""
         at = t - self.delay * self.period
-        seen = self._corrected(at, measurement, torques[0], seen)
+        seen = self.corrected(at, measurement, torques[0], seen)
         theta, omega = seen.theta, seen.omega
         for tau in torques[1:]:
             at += self.period
@@ -108,21 +108,34 @@ class Observer:
         told = self.known(max(t, 0.0))
         return told[0] + seen.F_x, told[1] + seen.F_y
 
-    def _corrected(self, t: float, measurement: Measurement, tau: float, seen: Seen | None) -> Seen:
-        """The estimate at the time ``t`` of the ``measurement``; until then the torque was ``tau``."""
+    def predicted(self, t: float, tau: float, seen: Seen) -> Seen:
+        """The estimate at ``t``, from the one a period before, by the torque ``tau`` [N m] between."""
+        theta, omega = self._ahead(seen.theta, seen.omega, tau, *self._force(t - 0.5 * self.period, seen))
+        return seen._replace(theta=theta, omega=omega)
+
+    def corrected(
+        self, t: float, measurement: Measurement, tau: float, seen: Seen | None, tau_now: float | None = None
+    ) -> Seen:
+        """The estimate at the time ``t`` of the ``measurement``; until then the torque was ``tau`` [N m].
+
+        ``tau_now``: the torque under which toe and heel force were measured, where it is another.
+        """
         biped = self.biped
         first = seen is None
         if seen is None:
             seen = Seen(measurement.theta, measurement.omega, 0.0, 0.0)
         else:
-            force = self._force(t - 0.5 * self.period, seen)
-            theta, omega = self._ahead(seen.theta, seen.omega, tau, *force)
-            off = measurement.theta - theta, measurement.omega - omega
+            seen = self.predicted(t, tau, seen)
+            angle_off, rate_off = measurement.theta - seen.theta, measurement.omega - seen.omega
             (a, b), (c, d), (e, f) = self.gain
-            theta, omega = theta + a * off[0] + b * off[1], omega + c * off[0] + d * off[1]
-            seen = Seen(theta, omega, seen.F_x + e * off[0] + f * off[1], seen.F_y)
+            seen = Seen(
+                seen.theta + a * angle_off + b * rate_off,
+                seen.omega + c * angle_off + d * rate_off,
+                seen.F_x + e * angle_off + f * rate_off,
+                seen.F_y,
+            )
         F_x, F_y = self._force(t, seen)
-        acceleration = _acceleration(biped, seen.theta, tau, F_x, F_y)
+        acceleration = _acceleration(biped, seen.theta, tau if tau_now is None else tau_now, F_x, F_y)
         down = biped.M * biped.L * (acceleration * math.sin(seen.theta) + seen.omega**2 * math.cos(seen.theta))
         apparent = biped.weight - (measurement.F_T + measurement.F_H) - down  # (5)-(7); at rest (16)
         return seen._replace(F_y=seen.F_y + (1.0 if first else self.gain_y) * (apparent - F_y))
@@ -166,21 +179,39 @@ def observer(
 
 @lru_cache(maxsize=64)
 def _gains(biped: Biped, sensors: Sensors, period: float, walk: float) -> tuple[tuple[tuple[float, float], ...], float]:
-    """Stationary Kalman gains about the upright posture on level ground."""
-    stiffness = biped.M * biped.g * biped.L / biped.I
-    rates = np.array([[0.0, 1.0, 0.0], [stiffness, 0.0, biped.L / biped.I], [0.0, 0.0, 0.0]])
-    A = scipy.linalg.expm(rates * period)
-    C = np.eye(2, 3)
+    """Stationary Kalman gains about the upright posture on level ground; an infinite deviation: not measured."""
+    A = _free(biped, period)
     # a floor far below any sensor's resolution keeps the equation solvable for exact sensors
     angle = _variance(sensors.angle, sensors.angle_step) + 1e-7**2
     rate = _variance(sensors.rate, sensors.rate_step) + 1e-6**2
     drift = walk**2 * period
-    R = np.diag([angle, rate])
+    measured = 2 if math.isfinite(rate) else 1
+    C, R = np.eye(measured, 3), np.diag([angle, rate][:measured])
     P = scipy.linalg.solve_discrete_are(A.T, C.T, np.diag([0.0, 0.0, drift]), R)
-    K = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+    K = np.zeros((3, 2))
+    K[:, :measured] = np.linalg.solve(C @ P @ C.T + R, C @ P).T
     load = 2 * _variance(sensors.force, sensors.force_step) + 1e-3**2
     predicted = 0.5 * (drift + math.sqrt(drift**2 + 4 * drift * load))
     return tuple((float(a), float(b)) for a, b in K), predicted / (predicted + load)
+
+
+def lag(watch: Observer) -> tuple[float, float]:
+    """How late [s] a force that changes evenly is read, F_x about the upright posture, and F_y."""
+    biped, h = watch.biped, watch.period
+    push = biped.L / biped.I
+    A = _free(biped, h)
+    K = np.array(watch.gain)
+    keep = np.eye(3) - K @ np.eye(2, 3)
+    within = np.array([push * h**3 / 6, push * h**2 / 2, h])  # what a rise by 1 N/s does in a period
+    error = np.linalg.solve(np.eye(3) - keep @ A, keep @ within)
+    return float(error[2]), h * (1 - watch.gain_y) / watch.gain_y
+
+
+def _free(biped: Biped, period: float) -> Array:
+    """How theta, omega and F_x go on over a period, about the upright posture on level ground."""
+    stiffness = biped.M * biped.g * biped.L / biped.I
+    rates = np.array([[0.0, 1.0, 0.0], [stiffness, 0.0, biped.L / biped.I], [0.0, 0.0, 0.0]])
+    return np.asarray(scipy.linalg.expm(rates * period))
 
 
 def _variance(deviation: float, step: float) -> float:

@@ -35,15 +35,18 @@ class Transient:
     error: float
 
 
-def transient(loop: ClosedLoop, scenario: Scenario, run: Trajectory) -> Transient:
-    """The approach to the posture theta_f (4) of the force at the end of ``run``."""
+def transient(loop: ClosedLoop, scenario: Scenario, run: Trajectory, band: float | None = None) -> Transient:
+    """The approach to the posture theta_f (4) of the force at the end of ``run``.
+
+    ``band`` [rad] around it is where it has settled; left out, ``BAND`` of the run's largest distance.
+    """
     biped = loop.biped
     F_x, F_y = run.F[:, -1]
     theta_f = math.atan2(-F_x, biped.M * biped.g - F_y)
     corner = scenario.steady_from
     away = run.theta - theta_f
     after = np.flatnonzero(run.t >= corner)
-    outside = after[np.abs(away[after]) > BAND * np.abs(away).max()]
+    outside = after[np.abs(away[after]) > (BAND * np.abs(away).max() if band is None else band)]
     if run.fallen is not None or (len(outside) and outside[-1] == len(run.t) - 1) or not len(after):
         settling, settled_at = math.inf, float(run.t[-1])
     else:
@@ -66,9 +69,9 @@ def transient(loop: ClosedLoop, scenario: Scenario, run: Trajectory) -> Transien
 
 def torque_rate(loop: ClosedLoop, gains: Gains, run: Trajectory) -> Array:
     """dtau/dt along a run (n,) [N m/s], by the chain rule through (10) and (13)."""
-    z, F, K = ca.SX.sym("z", 3), ca.SX.sym("F", 2), ca.SX.sym("K", 3)
+    z, F, K = ca.SX.sym("z", loop.size), ca.SX.sym("F", 2), ca.SX.sym("K", 3)
     rate = ca.jtimes(loop.torque(z, K), z, loop.rate(z, F, K))
     count = len(run.t)
     along = ca.Function("torque_rate", [z, F, K], [rate]).map(count)
-    states = np.vstack([run.theta, run.omega, run.s])
+    states = loop.states(run.theta, run.omega, run.s, run.theta_d)
     return np.asarray(along(states, run.F, ca.repmat(ca.DM(gains), 1, count)).full().ravel())

@@ -1,0 +1,266 @@
+"""When trials come nearer to the stationary posture: how much of an error in the start is left after a trial.
+
+A trial starts at rest in the posture theta_d with the integral of (14), which is 0 there, and its end, read by
+(16)-(17), gives by (15) the next theta_d: (16) and (17) put into (15) leave theta_d = theta(T), whatever the masses in
+them. So in a world that stays, e = theta_d - theta_f goes to theta(T) - theta_f. About the stationary posture, with
+w = K_f s,
+
+    e_next = rho(T) e + O(e³),   rho(T) = [1 0 0] expm(B T) (1, 0, K_p)',
+    B = [[0, 1, 0], [(A L - K_p)/I, -K_d/I, 1/I], [-g K_p, -g K_d, g]],   g = K_f/ell (11)
+
+((23) with w for s; for law cop g is (M + m) g/(F_T + F_H) times as large, for pd 0.) The start (e, 0, 0) is not the
+stationary state, which is why (1, 0, K_p) and not (1, 0, 0) is carried on. Trials contract if and only if
+|rho(T)| < 1. rho(0) = 1 and rho''(0) = A L/I > 0: too short a trial carries away from the posture. For pd rho tends to
+K_p/(K_p - A L) > 1: pd control never contracts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from design.analysis.simulate import simulate
+from design.analysis.survival import slope_limit
+from design.model.body import Biped
+from design.model.closed_loop import closed_loop
+from design.model.environment import Scenario, constant_force
+from design.model.laws import Gains, LawKind
+from design.model.stability import bearing
+from design.spec.setting import Setting
+
+Array = NDArray[np.float64]
+
+LEVELS = (1.0, 0.1)
+SAMPLES = 32
+"""Bodies and worlds drawn from within the box of [uncertainty], besides its corners; a power of two."""
+CHECKED = 6
+"""Points of the box at which the iteration is simulated."""
+FINEST = 20_000
+"""The most instants at which the factors are compared with a level."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Point:
+    """A body in an environment: A (3) and ``load`` = F_T + F_H at rest [N]; ``where`` in the box it lies."""
+
+    scenario: str
+    where: str
+    biped: Biped
+    gains: Gains
+    A: float
+    load: float
+    duration: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """The iteration simulated at ``points`` of the box from an error of ``start`` [rad], ``runs`` trials in all.
+
+    ``ratio``: the largest |e_next/e|, each over one trial; ``off``: its largest distance from rho(T).
+    """
+
+    points: int
+    runs: int
+    start: float
+    ratio: float
+    off: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Contraction:
+    """The largest |rho| of the ``points`` at the length of their trials, where it is, and how it depends on T.
+
+    ``below_from``: for each level the shortest T [s] from which |rho(T)| stays below it at all points, None if never.
+    """
+
+    kind: LawKind
+    factor: float
+    at: Point
+    points: int
+    corners: int
+    samples: int
+    below_from: dict[float, float | None]
+    limit: float | None
+    check: Check
+
+    @property
+    def contracts(self) -> bool:
+        """Whether every trial of the box leaves less of an error than there was, by rho and by simulation."""
+        return self.factor < 1 and self.check.ratio < 1
+
+
+def iteration(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> tuple[Array, Array]:
+    """B (3, 3) and the start (1, 0, K_p) of an error of 1 in the states (theta, omega, K_f s)."""
+    if kind == "pd":
+        gather = 0.0
+    elif kind == "cop":  # s' = tau/load, and the gain of s is K_f (M + m) g/ell (20)
+        gather = K.K_f * biped.weight / (biped.ell * load)
+    else:
+        gather = K.K_f / biped.ell
+    B = [
+        [0.0, 1.0, 0.0],
+        [(A * biped.L - K.K_p) / biped.I, -K.K_d / biped.I, 1.0 / biped.I],
+        [-gather * K.K_p, -gather * K.K_d, gather],
+    ]
+    return np.array(B), np.array([1.0, 0.0, K.K_p])
+
+
+def factor(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, T: float) -> float:
+    """rho(T): the part of a small error in the start that a trial of ``T`` [s] leaves."""
+    B, start = iteration(biped, kind, K, A, load)
+    return float((expm(B * T) @ start)[0])
+
+
+def contraction(setting: Setting, gains: Gains, scenarios: Sequence[Scenario]) -> Contraction:
+    """The largest rho over all environments of ``scenarios`` and all of the spec's [uncertainty]: corners and more."""
+    points, corners, samples = box(setting, gains, scenarios)
+    kind = setting.law
+    B, start = _stacked(points, kind)
+    T = np.array([point.duration for point in points])
+    with np.errstate(all="ignore"):
+        found = np.abs((expm(B * T[:, None, None]) @ start[:, :, None])[:, 0, 0])
+    found = np.where(np.isfinite(found), found, np.inf)
+    worst = int(np.argmax(found))
+    shortest = {level: stays_below(B, start, level) for level in LEVELS}
+    steady = points[worst]
+    stiff = steady.gains.K_p - steady.A * steady.biped.L
+    return Contraction(
+        kind=kind,
+        factor=float(found[worst]),
+        at=steady,
+        points=len(points),
+        corners=corners,
+        samples=samples,
+        below_from=shortest,
+        limit=steady.gains.K_p / stiff if kind == "pd" and stiff > 0 else None,
+        check=_checked(setting, points, found, shortest[LEVELS[-1]]),
+    )
+
+
+def box(setting: Setting, gains: Gains, scenarios: Sequence[Scenario]) -> tuple[list[Point], int, int]:
+    """All points, and the numbers of corners and of drawn bodies and worlds that they come from."""
+    tolerances, nominal = setting.tolerances, setting.biped
+    names = ("M", "L", "I", "m", "ell", "slope", "ramp")
+    spread = [k for k, name in enumerate(names) if getattr(tolerances, name) != type(tolerances.M)()]
+    shares: list[tuple[str, Array]] = [("nominal", np.zeros(7))]
+    if spread:
+        from scipy.stats.qmc import Sobol
+
+        corners = [np.array(signs) for signs in product((-1.0, 1.0), repeat=len(spread))]
+        drawn = 2.0 * Sobol(len(spread), scramble=False).random(SAMPLES) - 1.0
+        for where, every in (("corner", corners), ("inside", drawn)):
+            for part in every:
+                one = np.zeros(7)
+                one[spread] = part
+                shares.append((where, one))
+    points: list[Point] = []
+    for scenario in scenarios:
+        for where, share in shares:
+            biped, real = tolerances.drawn(nominal, scenario, share.tolist())
+            A, load = real.operating_points(biped)
+            load = bearing(load)
+            pairs = zip(A, load if setting.law == "cop" else np.full_like(load, load[-1]), strict=True)
+            points += [
+                Point(
+                    scenario=scenario.name, where=where, biped=biped, gains=true_gains(setting, gains, biped), A=a,
+                    load=n, duration=real.duration,
+                )
+                for a, n in sorted({(round(float(a), 9), round(float(n), 9)) for a, n in pairs})
+            ]  # fmt: skip
+    return points, 2 ** len(spread) if spread else 0, SAMPLES if spread else 0
+
+
+def true_gains(setting: Setting, gains: Gains, real: Biped) -> Gains:
+    """The gains with which the ``real`` body's loop is what the nominal body's law makes of it.
+
+    K_F = K_f (M + m) g/ell of law cop, and its P, are computed with the nominal numbers.
+    """
+    return gains._replace(K_f=gains.K_f * setting.biped.weight / real.weight) if setting.law == "cop" else gains
+
+
+def stays_below(B: Array, start: Array, level: float) -> float | None:
+    """The shortest T [s] from which every |rho(T)| stays below ``level``; None if one of them never does.
+
+    ``B`` (n, 3, 3), ``start`` (n, 3). Sought on a grid of twenty instants a half period or more, up to where the sum of
+    the modes' sizes is below the level; then bisected.
+    """
+    modes, vectors = np.linalg.eig(B)
+    if not (modes.real < 0).all():
+        return None
+    try:
+        sizes = np.abs(vectors[:, 0, :] * np.linalg.solve(vectors, start[:, :, None].astype(complex))[:, :, 0])
+    except np.linalg.LinAlgError:
+        sizes = np.full(modes.shape, 1e8)
+    decay = -modes.real.max(axis=1)
+    horizon = float((np.log(np.maximum(sizes.sum(axis=1) / level, 1.0 + 1e-9)) / decay).max())
+    count = max(2000, math.ceil(20 * horizon * float(np.abs(modes.imag).max()) / math.pi))
+    count = min(count, FINEST)
+    step = horizon / count
+    onward, state, last = expm(B * step), start[:, :, None], 0
+    for k in range(1, count + 1):
+        state = onward @ state
+        if np.abs(state[:, 0, 0]).max() >= level:
+            last = k
+
+    def largest(T: float) -> float:
+        return float(np.abs((expm(B * T) @ start[:, :, None])[:, 0, 0]).max())
+
+    low, high = last * step, (last + 1) * step
+    while high - low > 1e-6 * horizon:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if largest(middle) >= level else (low, middle)
+    return high
+
+
+def _stacked(points: Sequence[Point], kind: LawKind) -> tuple[Array, Array]:
+    both = [iteration(point.biped, kind, point.gains, point.A, point.load) for point in points]
+    return np.array([B for B, _ in both]), np.array([start for _, start in both])
+
+
+def _checked(setting: Setting, points: Sequence[Point], found: Array, brief: float | None) -> Check:
+    """The nonlinear iteration at the worst point and at others spread over the box.
+
+    One trial of the full length, and three in a row of the length after which rho is still 0.1 somewhere, since what is
+    left after a long one is too small to measure a ratio of.
+    """
+    chosen = {int(np.argmax(found)), *np.linspace(0, len(points) - 1, CHECKED).astype(int).tolist()}
+    ratio = off = 0.0
+    runs, start = 0, math.inf
+    for number, k in enumerate(sorted(chosen)):
+        point = points[k]
+        size = min(math.radians(2.0), 0.25 * slope_limit(point.biped))
+        start = min(start, size)
+        e = size if number % 2 == 0 else -size
+        plans = [(point.duration, 1)] + ([(min(brief, point.duration), 3)] if brief is not None else [])
+        for T, times in plans:
+            rho = factor(point.biped, setting.law, point.gains, point.A, point.load, T)
+            for measured in ratios(point, setting.law, setting.step, e, T, times):
+                runs += 1
+                ratio, off = max(ratio, abs(measured)), max(off, abs(measured - rho))
+    return Check(points=len(chosen), runs=runs, start=start, ratio=ratio, off=off)
+
+
+def ratios(point: Point, kind: LawKind, step: float, e: float, T: float, times: int) -> list[float]:
+    """e_next/e of ``times`` simulated trials of ``T`` [s] in a row in the environment of ``point``."""
+    biped = point.biped
+    F_y = biped.weight - point.load
+    down = biped.M * biped.g - F_y
+    F_x = -math.sqrt(max(point.A**2 - down**2, 0.0))
+    theta_f = math.atan2(-F_x, down)
+    world = constant_force(name="stays", F_x=F_x, F_y=F_y, ramp=0.0, duration=T)
+    found = []
+    for _ in range(times):
+        theta_d = theta_f + e
+        run = simulate(closed_loop(biped, kind, theta_d), replace(world, theta0=theta_d), point.gains, step)
+        e_next = math.inf if run.fallen is not None else float(run.theta[-1]) - theta_f
+        found.append(e_next / e)
+        e = e_next
+        if not abs(e) < 0.5 or abs(e) < 1e-9:
+            break
+    return found

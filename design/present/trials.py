@@ -1,0 +1,170 @@
+"""Trials for the terminal: a table, then one plain sentence for each finding."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from design.present.text import Paint, gains_line, number, short, table, wrapped
+
+Facts = Mapping[str, Any]
+
+HEADER = ("#", "scenario", "start", "angle", "contact", "at", "settle", "moves", "F_x", "F_y", "error")
+SPEC = "as the spec says"
+LEGEND = (
+    "start: as the spec says, or the last trial's estimate (16)-(17); angle: theta_d and starting posture [deg]."
+    " contact: smallest contact force [N], and where. settle: [s] until theta stays near theta_f. moves: farthest from"
+    " theta_f [deg]. F_x, F_y: what the trial's end says of the external force [N]; error: its distance from the truth."
+)
+
+
+def as_text(document: Facts, paint: Paint) -> str:
+    """The trials in at most 80 columns."""
+    from design.model.laws import Gains
+
+    its = document["gains"]
+    gains = gains_line(Gains(its["kp"], its["kd"], its["kf"]), document["law"])
+    trials = document["trials"]
+    whole = table(HEADER, [_cells(trial) for trial in trials], right=(0, 3, 4, 6, 7, 8, 9, 10))
+    lines = [*wrapped(f"{document['spec']['name']}, law {document['law']}, {gains}"), "", whole[0]]
+    for line, trial in zip(whole[1:], trials, strict=True):
+        lines.append(paint(line, "bad") if trial["lost_contact"] or trial["fallen_s"] is not None else line)
+    lines += ["", *wrapped(LEGEND), *wrapped(f"The estimate is taken from {document['estimate_from']}."), ""]
+    for sentence, style in findings(document):
+        lines += [paint(line, style) if style else line for line in wrapped(sentence)]
+    return "\n".join(lines) + "\n"
+
+
+def _cells(trial: Facts) -> list[str]:
+    F_x, F_y = trial["fx_error_n"], trial["fy_error_n"]
+    return [
+        str(trial["trial"]), short(trial["scenario"], 8), "spec" if trial["start"] == SPEC else "estimate",
+        fixed(trial["desired_angle_deg"], 2), number(trial["contact_force_n"], 4), trial["contact_at"],
+        number(trial["settling_s"], 4), fixed(trial["transient_deg"], 3), fixed(trial["fx_estimate_n"], 1),
+        fixed(trial["fy_estimate_n"], 1), "-" if F_x is None else f"{math.hypot(F_x, F_y):.1e}",
+    ]  # fmt: skip
+
+
+def fixed(value: float | None, places: int) -> str:
+    """A number with ``places`` decimals, never -0."""
+    if value is None or not math.isfinite(value):
+        return "-"
+    text = f"{value:.{places}f}"
+    return text.removeprefix("-") if float(text) == 0 else text
+
+
+def findings(document: Facts) -> list[tuple[str, str]]:
+    """Sentences, each with a style (empty: none)."""
+    found: list[tuple[str, str]] = []
+    if document["verdict"] == "undecided":
+        found.append((f"UNDECIDED: do not trust these numbers: {document['why']}.", "doubt"))
+    for place, series in enumerate(document["series"], 1):
+        trials = [trial for trial in document["trials"] if trial["series"] == place]
+        if series["second_over_first"]:
+            found.append((_gain(trials[0]["scenario"], series), "good"))
+        found += _ends(trials)
+        found += _starts(trials)
+    found += [(each, "") for each in _survived(document["survives"] or ())]
+    found.append(_contraction(document["contraction"], document["law"]))
+    return found
+
+
+def _gain(name: str, series: Facts) -> str:
+    (one, two, more), (slow, quick, sooner) = (
+        series["second_over_first"][key] for key in ("contact_force_n", "settling_s")
+    )
+    word = "larger" if more >= 0 else "smaller"
+    text = f"{name}: trial 2 starts from trial 1's estimate; its smallest contact force is {number(abs(more))} N {word}"
+    text += f" ({number(two)} N, not {number(one)} N)"
+    if sooner == sooner and abs(sooner) != float("inf"):
+        text += f", and it settles {number(abs(sooner), 4)} s {'sooner' if sooner >= 0 else 'later'}"
+        text += (
+            f" ({number(quick, 4)} s, not {number(slow, 4)} s, to within {number(series['settling_band_deg'], 3)} deg)"
+        )
+    return text + "."
+
+
+def _lost(trial: Facts) -> str:
+    """What became of contact, in words; empty if it was kept."""
+    parts = []
+    if trial["lost_contact"]:
+        parts.append(f"contact is lost at the {trial['lost_contact']['at']} at {trial['lost_contact']['time_s']:.3f} s")
+    if trial["fallen_s"] is not None:
+        parts.append(f"the body falls at {trial['fallen_s']:.3f} s")
+    return " and ".join(parts)
+
+
+def _ends(trials: Iterable[Facts]) -> list[tuple[str, str]]:
+    """Ends that say little or nothing; what several trials of a scenario have in common is said of the first."""
+    found: dict[str, tuple[str, str]] = {}
+    for trial in trials:
+        where = f"{trial['scenario']}, trial {trial['trial']}"
+        if _lost(trial):
+            found.setdefault(
+                f"{trial['scenario']} {_lost(trial)}", (f"{where}: {_lost(trial)}; its end is not used.", "bad")
+            )
+        elif not trial["stationary"]:
+            bound = f"{number(trial['fx_bound_n'], 3)} N and {number(trial['fy_bound_n'], 3)} N"
+            why = trial["not_stationary_because"]
+            text = f"{where} does not come to rest; its estimate may be off by {bound}: {why}."
+            found.setdefault(f"{trial['scenario']} {trial['start']}", (text, "doubt"))
+    return list(found.values())
+
+
+def _starts(trials: Iterable[Facts]) -> list[tuple[str, str]]:
+    """Starts from an estimate that were not made, or made in spite of what toe and heel said; each once."""
+    found: list[tuple[str, str]] = []
+    said: set[tuple[str, str]] = set()
+    for trial in trials:
+        refused = trial["refused"]
+        if not refused or (trial["scenario"], trial["reason"]) in said:
+            continue
+        said.add((trial["scenario"], trial["reason"]))
+        outcome = _lost(refused) or "contact is kept"
+        angle = fixed(refused["desired_angle_deg"], 2)
+        found.append(
+            (
+                f"{trial['scenario']}, trial {trial['trial']} starts as the spec says: {trial['reason']}. Started from"
+                f" the estimate, at {angle} deg, {outcome}; the smallest contact force is"
+                f" {number(refused['contact_force_n'])} N instead of {number(trial['contact_force_n'])} N.",
+                "doubt",
+            )
+        )
+    return found
+
+
+def _survived(survives: Iterable[Facts]) -> list[str]:
+    words = {True: "contact is kept", False: "contact is lost", None: "nothing is known"}
+    return [
+        f"Standing on what trial {each['after_trial']} found ({each['scenario']}, {each['of']}"
+        f" {number(each['from'], 4)} {each['unit']}), the law survives a sudden change by up to"
+        f" +{number(each['up'], 4)} and {number(each['down'], 4)} {each['unit']}; into {each['next']}"
+        f" {words[each['kept_from_the_estimate']]} from there."
+        for each in survives
+    ]
+
+
+def _contraction(found: Facts, law: str) -> tuple[str, str]:
+    at, box, check = found["at"], found["box"], found["checked"]
+    left = f"a trial of {number(at['trial_s'], 4)} s leaves {number(found['factor'], 3)} of a small error in the start"
+    where = f" at worst over {box['points']} point{'s' * (box['points'] != 1)}"
+    if box["corners"]:
+        where += f" of the box of [uncertainty] ({box['corners']} corners, {box['drawn']} drawn) and the scenarios"
+    else:
+        where += " of the scenarios (no [uncertainty]: the nominal body)"
+    text = f"{'The trials contract' if found['contracts'] else 'The trials do not contract'}: {left}{where}"
+    one, tenth = found["stays_below_1_from_s"], found["stays_below_0.1_from_s"]
+    if one is not None:
+        text += f"; less than all of it from {number(one, 4)} s on, less than a tenth from {number(tenth, 4)} s on"
+    elif law == "pd":
+        text += f"; under pd it tends to K_p/(K_p - A L) = {number(found['limit'])}, so that no length is enough"
+    else:
+        text += "; the loop is not stable at all of them"
+    text += (
+        f". Checked at {check['points']} point{'s' * (check['points'] != 1)} of the box by simulation, in"
+        f" {check['trials']} trial{'s' * (check['trials'] != 1)} from {number(check['error_deg'], 3)} deg or what was"
+        f" left of it: the largest ratio is {number(check['largest_ratio'], 4)}, and none is farther than"
+        f" {check['largest_difference_from_factor']:.1e} from the linear one."
+    )
+    return text, "good" if found["contracts"] else "bad"

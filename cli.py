@@ -7,10 +7,12 @@ needed, so that ``--help`` is quick.
 
 from __future__ import annotations
 
-import io
 import sys
+from collections.abc import Callable
+from functools import partial, wraps
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -27,12 +29,10 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-MET, VIOLATED, BAD, UNDECIDED, INTERRUPTED = 0, 1, 2, 3, 130
-
+MET, VIOLATED, BAD, UNDECIDED = 0, 1, 2, 3
 
 LawName = Literal["pd", "force", "cop"]
 Goal = Literal["decay-rate", "contact-force", "cop-margin", "routh-margin"]
-RunFormat = Literal["text", "csv", "json"]
 ReportFormat = Literal["text", "json", "md", "html", "junit"]
 ENDINGS: dict[str, ReportFormat] = {".html": "html", ".md": "md", ".json": "json", ".xml": "junit"}
 
@@ -41,6 +41,42 @@ Strict = Annotated[bool, typer.Option("--strict", help="Treat implausible number
 GainsOption = Annotated[str | None, typer.Option("--gains", metavar="KP,KD,KF", help="Gains instead of the spec's.")]
 LawOption = Annotated[LawName | None, typer.Option("--law", help="Law instead of the spec's.")]
 Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the result to this file.")]
+RunForm = Annotated[Literal["text", "csv", "json"], typer.Option("--format", help="Form of the output.")]
+Form = Annotated[Literal["text", "json"], typer.Option("--format", help="Form of the output.")]
+Plot = Annotated[str | None, typer.Option("--plot", metavar="FILE", help="Draw it: .png, .svg or .pdf.")]
+READING: dict[str, tuple[Any, str | None, str]] = {
+    "columns": (str, "NAME=COLUMN[:UNIT],...", "Which column holds what."),
+    "delimiter": (str, None, "tab, comma, semicolon, space, or a sign."),
+    "decimal": (str, None, "point or comma."),
+    "skip_rows": (int, None, "Lines above the one with the names."),
+    "rate": (float, "HZ", "Sampling rate, where no column tells the time."),
+    "resample": (float, "HZ", "Even out irregular time stamps."),
+    "up": (str, "y|z", "The file's axis that points up."),
+    "forward": (str, "x|-x|...", "The file's axis towards the toes."),
+    "ankle": (str, "X[:UNIT]", "Where the ankle is on that axis, in the file's frame."),
+    "allow_gaps": (bool, None, "Mask rows that cannot be read."),
+}
+
+
+def reads_recordings(command: Callable[..., None]) -> Callable[..., None]:
+    """``command`` with the options of ``READING`` besides its own; it is handed them as ``how``, a ``Reading``."""
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        from design.recordings.reading import Reading
+
+        how = Reading(**{name: given.pop(name) for name in READING})
+        command(**given, how=how)
+
+    own = signature(command, eval_str=True)
+    parts = [part for part in own.parameters.values() if part.name != "how"]
+    for name, (kind, metavar, said) in READING.items():
+        option = typer.Option("--" + name.replace("_", "-"), metavar=metavar, help=said)
+        wish, default = (bool, False) if kind is bool else (kind | None, None)
+        parts.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[wish, option]))
+    run.__signature__ = own.replace(parameters=parts)  # type: ignore[attr-defined]
+    run.__annotations__ = {part.name: part.annotation for part in parts}
+    return run
 
 
 @app.command()
@@ -79,8 +115,8 @@ def simulate(
     scenario: Annotated[str | None, typer.Option("--scenario", metavar="NAME", help="Only this one.")] = None,
     law: LawOption = None,
     gains: GainsOption = None,
-    format: Annotated[RunFormat, typer.Option("--format", help="Form of the output.")] = "text",
-    plot: Annotated[str | None, typer.Option("--plot", metavar="FILE", help="Draw it: .png, .svg or .pdf.")] = None,
+    format: RunForm = "text",
+    plot: Plot = None,
     animate: Annotated[
         str | None, typer.Option("--animate", metavar="FILE.gif", help="Draw the biped moving; one scenario.")
     ] = None,
@@ -88,38 +124,9 @@ def simulate(
     strict: Strict = False,
 ) -> None:
     """Run the closed loop through every scenario, or one."""
-    from design.present import opening, terminal
+    from design.present import simulation, terminal
 
-    source, problem = opening.opened(spec, law, gains, strict=strict)
-    from design.analysis.simulate import simulate as run
-    from design.analysis.verdict import coarse_step
-    from design.model.closed_loop import closed_loop
-    from design.present import plots, store, text
-
-    picture = plots.format_of(plot) if plot else None
-    if animate:
-        plots.gif_only(animate, scenarios=1 if scenario else len(problem.scenarios))
-    store.check_writable(plot, animate, output)
-    chosen = problem.scenarios if scenario is None else (problem.scenario(scenario),)
-    its = problem.given_gains()
-    loop = closed_loop(problem.biped, problem.law, problem.theta_d)
-    runs = [run(loop, each, its, problem.step) for each in chosen]
-    for why in filter(None, (coarse_step(loop, each, its, problem.step) for each in chosen)):
-        terminal.note(f"warning: do not trust these numbers: {why}")
-    if format == "csv":
-        result = text.csv_text(runs)
-    elif format == "json":
-        result = store.dumps(store.document("simulate", source, **store.runs_json(problem.law, its, runs)))
-    else:
-        head = [f"{source.spec.name}, law {problem.law}, {text.gains_line(its, problem.law)}"]
-        result = "\n".join([*head, *(line for each in runs for line in text.trajectory_lines(each))]) + "\n"
-    if plot and picture:
-        figure = plots.run_figure(runs, problem.biped.ell, f"{source.spec.name}: {text.gains_line(its, problem.law)}")
-        store.write(plot, plots.figure_bytes(figure, picture))
-    if animate:
-        from design.present.animation import gif_bytes
-
-        store.write(animate, gif_bytes(problem.biped, runs[0]))
+    result = simulation.render(spec, scenario, law, gains, format, plot, animate, output, strict=strict)
     terminal.deliver(result, output)
 
 
@@ -130,7 +137,7 @@ def synthesize(
     law: LawOption = None,
     starts: Annotated[int | None, typer.Option("--starts", min=1, max=1000, help="Number of starts.")] = None,
     time_limit: Annotated[float, typer.Option("--time-limit", min=0.1, help="Seconds after which to give up.")] = 600.0,
-    format: Annotated[Literal["text", "json"], typer.Option("--format", help="Form of the output.")] = "text",
+    format: Form = "text",
     output: Output = None,
     strict: Strict = False,
 ) -> None:
@@ -138,24 +145,11 @@ def synthesize(
 
     With -o FILE the design is written as JSON, for `poise report FILE`.
     """
-    from design.present import opening, terminal
+    from design.present import terminal
+    from problems import commands
 
-    source, problem = opening.opened(spec, law, strict=strict)
-    from dataclasses import replace
-
-    from design.present import store, synthesis
-    from problems import gains as question
-
-    if maximise is not None:
-        problem = replace(problem, maximise=maximise)
-    with terminal.progress() as say:
-        answer = question.solve(problem, starts=starts, seconds=time_limit, say=say)
-    stored = store.dumps(synthesis.document(source, problem, answer))
-    printed = stored if format == "json" else synthesis.text(source, problem, answer, terminal.painter_for_output())
-    if output:
-        store.write(output, stored)
+    printed, word = commands.synthesize(spec, maximise, law, starts, time_limit, format, output, strict=strict)
     terminal.deliver(printed, None)
-    word = answer.outcome.status.word
     raise typer.Exit({"solved": MET, "infeasible": VIOLATED}.get(word, UNDECIDED))
 
 
@@ -191,6 +185,32 @@ def report(
 
 
 @app.command()
+@reads_recordings
+def estimate(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="Text, .npy, .npz or .c3d, one row a sample.")],
+    *,
+    spec: Annotated[str | None, typer.Option(metavar="SPEC", help="Whose body and foot it is.")] = None,
+    format: RunForm = "text",
+    plot: Plot = None,
+    as_spec: Annotated[
+        str | None, typer.Option(metavar="OUT.toml", help="Write the force as a spec's scenario.")
+    ] = None,
+    every: Annotated[float | None, typer.Option(metavar="SECONDS", help="Interval of its points.")] = None,
+    output: Output = None,
+    strict: Strict = False,
+    how: Any,
+) -> None:
+    """Read a recording: contact forces, centre of pressure, their margins, and the external force.
+
+    A NAME is one of time, fz (vertical force), fx (forward force), cop (forward), my (moment, CoP = -my/fz), toe, heel,
+    angle, rate, torque, com_x, com_y, ankle_x, ankle_y. What usual names and the data make clear is found and said.
+    """
+    from design.present import recording, terminal
+
+    terminal.deliver(recording.render(file, how, format, spec, plot, as_spec, every, output, strict=strict), output)
+
+
+@app.command()
 def study(
     spec: SpecArgument,
     controllers: Annotated[
@@ -207,32 +227,22 @@ def study(
     jobs: Annotated[int | None, typer.Option("--jobs", min=1, max=1024, help="Worker processes.")] = None,
     dask: Annotated[str | None, typer.Option("--dask", metavar="ADDRESS", help="Run on this dask cluster.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the study in the folder of -o.")] = False,
-    format: Annotated[Literal["text", "json"], typer.Option("--format", help="Form of the output.")] = "text",
+    format: Form = "text",
     output: Annotated[
         str | None, typer.Option("-o", "--output", metavar="FOLDER", help="Keep trials and reports in this folder.")
     ] = None,
     strict: Strict = False,
 ) -> None:
     """Compare the paper's laws with predictive controllers, trial by trial in the same world and noise."""
-    from design.present import opening, terminal
-
-    source, problem = opening.opened(spec, strict=strict)
-    from design.present import store, study_folder, study_text
-    from problems.comparison import conduct as question
+    from design.present import terminal
+    from problems import commands
 
     names = [name.strip() for name in controllers.split(",")] if controllers else None
-    problem, names = question.with_options(problem, trials=trials, seed=seed, controllers=names)
-    study_folder.check(output, resume=resume)
-    with terminal.progress() as say, terminal.terminated_like_interrupted(), study_folder.kept(output):
-        found = question.conduct(
-            source, problem, names, folder=output, resume=resume, jobs=jobs or terminal.cores(), dask=dask, say=say
-        )
-    document = store.document("study", source, **question.facts(found, problem))
-    if output:
-        study_folder.write(output, document, found.rows)
-    paint = terminal.painter_for_output()
-    terminal.deliver(store.dumps(document) if format == "json" else study_text.as_text(document, paint), None)
-    raise typer.Exit(MET if document["status"] == "complete" else UNDECIDED)
+    printed, complete = commands.study(
+        spec, names, trials, seed, jobs, dask, format, output, resume=resume, strict=strict
+    )
+    terminal.deliver(printed, None)
+    raise typer.Exit(MET if complete else UNDECIDED)
 
 
 @app.command()
@@ -267,30 +277,10 @@ def main() -> None:
         said = "is imported in place of Poise's own module of that name; move it, or unset PYTHONPATH"
         sys.stderr.write(f"poise: {shadow} {said}\n")
         sys.exit(BAD)
-    from design.errors import PoiseError
     from design.present import terminal
 
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-    try:
-        with terminal.insistent_interrupts():
-            code = app(standalone_mode=False, prog_name="poise")
-        sys.stdout.flush()
-    except PoiseError as error:
-        if debug:
-            raise
-        terminal.note(f"poise: {error}")
-        code = BAD
-    except (KeyboardInterrupt, typer.Abort):
-        terminal.note("poise: interrupted")
-        code = INTERRUPTED
-    except Exception as error:
-        if debug and not terminal.is_usage(error):
-            raise
-        terminal.failed(error)
-        code = BAD
-    sys.exit(code if isinstance(code, int) else MET)
+    run = partial(app, standalone_mode=False, prog_name="poise")
+    sys.exit(terminal.ended(run, debug=debug, stops=(KeyboardInterrupt, typer.Abort)))
 
 
 if __name__ == "__main__":

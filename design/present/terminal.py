@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+from design.errors import PoiseError
 
 
 def out(text: str) -> None:
@@ -37,6 +40,31 @@ def failed(error: Exception) -> None:
         return
     said = " ".join(str(error).split())[:200]
     note(f"poise: internal error: {type(error).__name__}: {said}; rerun with --debug")
+
+
+def ended(run: Callable[[], object], *, debug: bool, stops: tuple[type[BaseException], ...]) -> int:
+    """The exit code with which ``run`` ends: its own, 2 for an error, 130 for one of ``stops``; ``debug`` raises."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        with insistent_interrupts():
+            code = run()
+        sys.stdout.flush()
+    except PoiseError as error:
+        if debug:
+            raise
+        note(f"poise: {error}")
+        return 2
+    except stops:
+        note("poise: interrupted")
+        return 130
+    except Exception as error:
+        if debug and not is_usage(error):
+            raise
+        failed(error)
+        return 2
+    return code if isinstance(code, int) else 0
 
 
 def deliver(result: str, output: str | None) -> None:

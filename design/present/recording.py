@@ -1,0 +1,227 @@
+"""What `poise estimate` says of a recording: words, JSON, CSV, a picture, and a spec with the measured force."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from design.analysis.recorded import Estimates, Least, cop_margin, estimates, least
+from design.errors import BadInput
+from design.present import opening, plots, recording_plots, recording_spec, store, terminal
+from design.present.text import number, table, wrapped
+from design.recordings.reading import Reading
+from design.recordings.record import Record, open_record
+from design.spec.load import Source, load
+from design.spec.setting import setting
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+
+ASSUMED_SPEC = "adult-slope"
+"""Whose foot is taken where no spec is given."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measured:
+    """A record, what is estimated from it, and the spec that it is read against."""
+
+    source: Source
+    record: Record
+    found: Estimates
+
+
+def measured(file: str, how: Reading, spec: str | None, *, strict: bool = False) -> Measured:
+    """Read and check the recording in ``file``; warnings go to standard error, ``strict`` makes the first an error."""
+    source = opening.opened(spec, strict=strict)[0] if spec else load(ASSUMED_SPEC)
+    record = open_record(file, how, setting(source.spec).biped, given=spec is not None)
+    for remark in record.warnings:
+        if strict:
+            message = f"{remark} (--strict)"
+            raise BadInput(message, file=file)
+        terminal.note(f"warning: {file}: {remark}")
+    return Measured(source=source, record=record, found=estimates(record))
+
+
+def render(
+    file: str,
+    how: Reading,
+    form: str,
+    spec: str | None,
+    plot: str | None,
+    as_spec: str | None,
+    every: float | None,
+    output: str | None,
+    *,
+    strict: bool = False,
+) -> str:
+    """The recording in a ``form``: text, json or csv; the picture and the spec are written where they are asked for."""
+    picture = plots.format_of(plot) if plot else None
+    store.check_writable(plot, as_spec, output)
+    if every is not None and as_spec is None:
+        message = "is the interval of the profile that --as-spec writes; give --as-spec OUT.toml too"
+        raise BadInput(message, key="--every")
+    result = measured(file, how, spec, strict=strict)
+    written = {"text": as_text, "json": as_json, "csv": as_csv}[form](result)
+    profile = recording_spec.as_toml(result.source, result.record, result.found, every) if as_spec else None
+    if plot and picture:
+        store.write(plot, plots.figure_bytes(recording_plots.figure(result.record, result.found), picture))
+    if as_spec and profile:
+        store.write(as_spec, profile.text)
+        terminal.note(f"{as_spec}: {profile.said}")
+    return written
+
+
+def dropouts_said(record: Record, most: int = 6) -> list[str]:
+    """Drop-outs and unreadable samples in sentences: how many, and when."""
+    found = []
+    for flags, name in ((record.dropouts, "without load (drop-outs)"), (record.gaps, "with an unreadable cell")):
+        if not flags.any():
+            continue
+        spans = record.spans(flags)
+        times = [f"{a:g} s" if count == 1 else f"{a:g} to {b:g} s ({count})" for a, b, count in spans[:most]]
+        more = f" and {len(spans) - most} more spans" if len(spans) > most else ""
+        count = int(flags.sum())
+        found.append(f"{count} row{'s' * (count != 1)} {name}, masked: {', '.join(times)}{more}")
+    return found
+
+
+def as_text(result: Measured) -> str:
+    """The words for a terminal."""
+    record, found = result.record, result.found
+    span = float(record.t[-1] - record.t[0])
+    lines = wrapped(f"{record.origin}: {len(record.t):,} samples, {span:g} s at {record.rate:g} Hz")
+    lines += wrapped(f"read: {'; '.join(record.notes)}", "  ")
+    lines += wrapped("taken: " + ", ".join(f"{role} = {said}" for role, said in record.columns.items()), "  ")
+    lines += [line for said in record.assumed for line in wrapped(f"ASSUMED: {said}", "  ")]
+    dropped = dropouts_said(record) or ["no drop-outs"]
+    lines += [line for said in dropped for line in wrapped(said, "  ")]
+    lines.append("")
+    load = least(record, record.load)
+    if load is not None:
+        weight = record.biped.weight
+        body = f"{result.source.spec.name}'s weight" if record.given else "the weight assumed"
+        lines += [
+            f"mean vertical force {load.mean:.2f} N; {body} {weight:.2f} N ({100 * (load.mean / weight - 1):+.2f} %)",
+            "",
+        ]
+    rows = [
+        (name, least(record, values), scale, unit)
+        for name, values, scale, unit in (
+            ("toe force", record.F_T, 1.0, "N"),
+            ("heel force", record.F_H, 1.0, "N"),
+            ("CoP in the file", record.cop, 1e3, "mm"),
+            ("CoP from the ankle", record.P, 1e3, "mm"),
+            ("CoP to foot's end", cop_margin(record), 1e3, "mm"),
+            ("ankle angle", record.theta, math.degrees(1.0), "deg"),
+            ("CoG above ankle", record.height, 1e3, "mm"),
+            ("ankle torque", record.torque, 1.0, "N m"),
+            ("estimate of F_x", found.F_x, 1.0, "N"),
+            ("estimate of F_y", found.F_y, 1.0, "N"),
+        )
+    ]
+    body_rows = [
+        [
+            name,
+            number(scale * each.value),
+            number(each.time, 5),
+            number(scale * each.mean),
+            number(scale * each.most),
+            unit,
+        ]
+        for name, each, scale, unit in rows
+        if each is not None
+    ]
+    lines += table(["", "least", "at s", "mean", "most", "unit"], body_rows, right=(1, 2, 3, 4))
+    lines.append("")
+    lost = _lost(record)
+    if lost:
+        lines += wrapped(lost)
+    lines += wrapped(f"F_x {found.how_x}")
+    lines += wrapped(f"F_y {found.how_y}")
+    return "\n".join(lines) + "\n"
+
+
+def _lost(record: Record) -> str:
+    """What of contact is lost, in a sentence; empty if nothing is."""
+    if record.F_T is None or record.F_H is None:
+        return ""
+    broken = record.valid & ((record.F_T < 0) | (record.F_H < 0))
+    if not broken.any():
+        return ""
+    first = int(np.argmax(broken))
+    return (
+        f"CONTACT: {int(broken.sum())} samples have their CoP beyond the foot, the first at {record.t[first]:g} s:"
+        " is the ankle's place, or the foot's length, another?"
+    )
+
+
+def as_json(result: Measured) -> str:
+    """The recording's figures as stored."""
+    record, found = result.record, result.found
+    load = least(record, record.load)
+    facts = store.document(
+        "estimate",
+        result.source,
+        status="estimated",
+        spec_assumed=not record.given,
+        record={"file": record.origin, "sha256": record.sha256, "columns": record.columns},
+        samples=len(record.t),
+        valid_samples=int(record.valid.sum()),
+        dropouts=int(record.dropouts.sum()),
+        dropout_spans_s=[[a, b] for a, b, _ in record.spans(record.dropouts)],
+        gaps=int(record.gaps.sum()),
+        start_s=float(record.t[0]),
+        duration_s=float(record.t[-1] - record.t[0]),
+        rate_hz=record.rate,
+        weight_n=record.biped.weight,
+        mean_vertical_force_n=None if load is None else load.mean,
+        toe_force_n=_figures(least(record, record.F_T)),
+        heel_force_n=_figures(least(record, record.F_H)),
+        cop_m=_figures(least(record, record.cop)),
+        cop_from_ankle_m=_figures(least(record, record.P)),
+        cop_margin_m=_figures(least(record, cop_margin(record))),
+        angle_deg=_figures(least(record, None if record.theta is None else np.degrees(record.theta))),
+        com_height_m=_figures(least(record, record.height)),
+        torque_nm=_figures(least(record, record.torque)),
+        fx_n=_figures(least(record, found.F_x)),
+        fy_n=_figures(least(record, found.F_y)),
+        fx_method=found.how_x,
+        fy_method=found.how_y,
+        notes=record.notes,
+        assumed=record.assumed,
+        warnings=record.warnings,
+    )
+    return store.dumps(facts)
+
+
+def _figures(found: Least | None) -> dict[str, float] | None:
+    return None if found is None else {
+        "min": found.value, "min_time_s": found.time, "max": found.most, "mean": found.mean
+    }  # fmt: skip
+
+
+def as_csv(result: Measured) -> str:
+    """The samples; what was not measured is an empty column, and what is not valid an empty cell."""
+    record, found = result.record, result.found
+    columns: dict[str, Array | None] = {
+        "vertical_force_n": record.load, "toe_force_n": record.F_T, "heel_force_n": record.F_H, "cop_m": record.cop,
+        "cop_from_ankle_m": record.P, "cop_margin_m": cop_margin(record), "theta_rad": record.theta,
+        "rate_rad_per_s": record.omega, "torque_nm": record.torque, "fx_estimate_n": found.F_x,
+        "fy_estimate_n": found.F_y,
+    }  # fmt: skip
+    valid = record.valid.tolist()
+    parts = [
+        [""] * len(valid)
+        if values is None
+        else [repr(x) if ok else "" for x, ok in zip(values.tolist(), valid, strict=True)]
+        for values in columns.values()
+    ]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["time_s", *columns, "valid"])
+    writer.writerows(zip(map(repr, record.t.tolist()), *parts, map(int, valid), strict=True))
+    return out.getvalue()

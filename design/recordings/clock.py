@@ -1,0 +1,154 @@
+"""The time base: the file's stamps if they are regular, a stated rate, or a regular grid that the user asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.errors import BadInput
+from design.recordings.columns import Columns
+from design.recordings.reading import Reading
+from design.recordings.table import Array, Table
+
+IRREGULAR = 0.25
+"""The part of the sampling period by which a step may differ from it: stamps are rounded."""
+SLOWEST, FASTEST = 1.0, 20_000.0
+"""Sampling rates of recordings [Hz]; what lies outside is in another unit."""
+MOST_SAMPLES = 20_000_000
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Clock:
+    """When the samples were taken.
+
+    Times ``t`` (n,) [s] and their ``rate`` [Hz]; ``rows`` (m,) of the table in the order of their ``stamps`` (m,),
+    between which quantities are interpolated where ``resampled``.
+    """
+
+    t: Array
+    rate: float
+    rows: NDArray[np.int64]
+    stamps: Array
+    resampled: bool
+    said: tuple[str, ...]
+
+    def at(self, values: Array) -> Array:
+        """A quantity of the table's rows at the times ``t``."""
+        own = values[self.rows]
+        return np.interp(self.t, self.stamps, own) if self.resampled else own
+
+    def all_true(self, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Whether the rows on both sides of each time are true, and near."""
+        own = flags[self.rows]
+        if not self.resampled:
+            return own
+        right = np.clip(np.searchsorted(self.stamps, self.t - 1e-9), 0, len(own) - 1)
+        exact = np.abs(self.stamps[right] - self.t) < 1e-9
+        left = np.where(exact, right, np.maximum(right - 1, 0))
+        usual = float(np.median(np.diff(self.stamps)))
+        near = self.stamps[right] - self.stamps[left] <= 5 * max(usual, 1 / self.rate)
+        return np.asarray(own[left] & own[right] & near)
+
+
+def clock(table: Table, columns: Columns, how: Reading) -> Clock:
+    """The times of the samples; raises ``BadInput`` for stamps that are not regular, unless ``how`` says what to do."""
+    for name, rate in (("--rate", how.rate), ("--resample", how.resample)):
+        if rate is not None and not SLOWEST / 100 <= rate <= 10 * FASTEST:
+            message = f"is {rate:g}; needs a sampling rate from {SLOWEST / 100:g} to {10 * FASTEST:g} Hz"
+            raise BadInput(message, key=name)
+    n = len(table.values)
+    stamps = columns.get("time")
+    if how.rate is not None or stamps is None:
+        rate = how.rate or table.rate
+        if rate is None:
+            message = "has no time column that is known by name; give --columns time=NAME:s, or the sampling --rate HZ"
+            raise BadInput(message, file=table.origin)
+        source = f"time from the sampling rate of {rate:g} Hz" + ("" if how.rate else ", stated in the file")
+        if stamps is not None:
+            source += f"; column {columns.quantities['time'].columns} is not used"
+        even: Array = np.arange(n) / rate
+        return _resampled(even, np.arange(n), how, table, [source]) if how.resample else _plain(even, rate, [source])
+    stamps, filled = _filled(stamps, table)
+    steps = np.diff(stamps)
+    if how.resample:
+        order = np.argsort(stamps, kind="stable")
+        keep = np.concatenate([[True], np.diff(stamps[order]) > 0])
+        said = list(filled)
+        if (steps <= 0).any():
+            said.append(f"{int((steps <= 0).sum())} duplicate or backward time stamps: sorted, duplicates dropped")
+        return _resampled(stamps[order][keep], order[keep], how, table, said)
+    return _plain(stamps, _regular_rate(stamps, steps, columns, table), filled)
+
+
+def _plain(t: Array, rate: float, said: list[str]) -> Clock:
+    return Clock(t=t, rate=rate, rows=np.arange(len(t)), stamps=t, resampled=False, said=tuple(said))
+
+
+def _filled(stamps: Array, table: Table) -> tuple[Array, list[str]]:
+    missing = ~np.isfinite(stamps)
+    if not missing.any():
+        return stamps, []
+    if missing.all():
+        message = "has no readable time stamps; give the sampling --rate HZ"
+        raise BadInput(message, file=table.origin)
+    rows = np.arange(len(stamps), dtype=float)
+    inside = np.interp(rows, rows[~missing], stamps[~missing])
+    first, last = np.flatnonzero(~missing)[[0, -1]]
+    period = (stamps[last] - stamps[first]) / max(last - first, 1)
+    inside[:first] = stamps[first] - period * np.arange(first, 0, -1)
+    inside[last + 1 :] = stamps[last] + period * np.arange(1, len(stamps) - last)
+    return inside, [f"{int(missing.sum())} missing time stamps filled in between their neighbours"]
+
+
+def _regular_rate(stamps: Array, steps: Array, columns: Columns, table: Table) -> float:
+    name = columns.quantities["time"].columns
+    if not len(steps):
+        message = "has one row; needs a recording with one row a sample"
+        raise BadInput(message, file=table.origin)
+    usual = float(np.median(steps))
+    odd = steps <= 0
+    if not odd.any():
+        odd = np.abs(steps - usual) > IRREGULAR * usual
+    if odd.any():
+        k = int(np.argmax(odd))
+        step = float(steps[k])
+        what = "repeats the time before" if step == 0 else "goes back" if step < 0 else f"comes {step:.6g} s later"
+        usually = "" if step <= 0 else f" (usually {usual:.6g} s)"
+        more = f"; {int(odd.sum())} such steps" if odd.sum() > 1 else ""
+        hint = f"{1 / usual:.6g}" if usual > 0 else "HZ"
+        message = (
+            f"{what}, {stamps[k]:.9g} to {stamps[k + 1]:.9g} s{usually}{more}; needs regular time stamps;"
+            f" mend them, or give --resample {hint}, or --rate {hint} if only the stamps are wrong"
+        )
+        raise BadInput(message, file=table.origin, key=f"{table.place} {table.lines[k + 1]}, column {name}")
+    rate = (len(stamps) - 1) / float(stamps[-1] - stamps[0])
+    if not SLOWEST <= rate <= FASTEST:
+        unit = columns.quantities["time"].unit
+        likely = "ms" if rate < SLOWEST and unit == "s" else "s" if rate > FASTEST and unit != "s" else "another unit"
+        message = (
+            f"read in {unit} gives a sampling rate of {rate:.4g} Hz; needs {SLOWEST:g} to {FASTEST:g} Hz;"
+            f" it is perhaps in {likely}: give --columns time={name}:{likely if likely != 'another unit' else 'UNIT'}"
+        )
+        raise BadInput(message, file=table.origin, key=f"column {name}")
+    multiple = rate / table.rate if table.rate else 1.0  # plates are often sampled at a multiple of the cameras' rate
+    if abs(multiple / max(round(multiple), 1) - 1) > 0.02 or multiple > 50:
+        message = (
+            f"gives a sampling rate of {rate:.5g} Hz, and the header states {table.rate:g} Hz; give the unit of time"
+            f" with --columns time={name}:UNIT, or the right --rate"
+        )
+        raise BadInput(message, file=table.origin, key=f"column {name}")
+    return round(rate, 6)
+
+
+def _resampled(stamps: Array, rows: NDArray[np.int64], how: Reading, table: Table, said: list[str]) -> Clock:
+    assert how.resample is not None
+    rate = how.resample
+    count = int((stamps[-1] - stamps[0]) * rate + 1e-9) + 1
+    if count > MOST_SAMPLES:
+        message = f"gives {count:,} samples; at most {MOST_SAMPLES:,}; choose a lower rate"
+        raise BadInput(message, file=table.origin, key="--resample")
+    t = stamps[0] + np.arange(count) / rate
+    said = [*said, f"resampled to {rate:g} Hz: {len(stamps):,} rows to {count:,} samples, by linear interpolation"]
+    return Clock(t=t, rate=rate, rows=rows, stamps=stamps, resampled=True, said=tuple(said))

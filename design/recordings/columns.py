@@ -1,0 +1,306 @@
+"""Which column is what: from ``--columns``, else from usual names, in SI units and along the user's axes.
+
+Force on the foot, forward x and upward y of the paper; ``my`` is the moment for which CoP = -my / fz.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from design.errors import BadInput
+from design.recordings import names as usual
+from design.recordings.reading import Reading
+from design.recordings.table import Array, Table
+from design.recordings.units import FACTORS, factor
+from design.recordings.wishes import ROLES, Wish, listed, parse
+
+EXAMPLE = "--columns time=NAME:s,fz=NAME:N,cop=NAME:cm"
+DOMINANT = 3.0
+"""How many times the other components the vertical one must be, to be taken for it."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Quantity:
+    """One quantity in SI units (n,), the ``columns`` it comes from, and its ``unit`` there; ``sure``: it is stated."""
+
+    values: Array
+    columns: str
+    unit: str
+    sure: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Columns:
+    """The quantities by role, the ``axes`` as taken (up, forward), and what was ``said`` and ``assumed``."""
+
+    quantities: dict[str, Quantity]
+    axes: tuple[str, str] | None
+    said: tuple[str, ...]
+    assumed: tuple[str, ...]
+
+    def get(self, role: str) -> Array | None:
+        """The values of a role, or None."""
+        found = self.quantities.get(role)
+        return None if found is None else found.values
+
+
+@dataclass(eq=False, kw_only=True)
+class _Finder:
+    """What is known while columns are assigned."""
+
+    table: Table
+    how: Reading
+    wishes: dict[str, Wish | None]
+    known: dict[int, usual.Known]
+    ambiguous: dict[str, list[str]] = field(default_factory=dict)
+    said: list[str] = field(default_factory=list)
+    assumed: list[str] = field(default_factory=list)
+
+
+def assign(table: Table, how: Reading) -> Columns:
+    """The quantities in ``table``; raises ``BadInput`` that lists the columns and shows the option to give."""
+    wishes = parse(how.columns, table)
+    known = {index: found for index, name in enumerate(table.names) if (found := usual.recognise(name))}
+    own = {"toe_force_n", "heel_force_n"} <= set(table.names)
+    if own:
+        known = {index: found for index, found in known.items() if found.role or not found.kind}
+    find = _Finder(table=table, how=how, wishes=wishes, known=known)
+    parts = _scalars(find)
+    up = _vertical(find)
+    forward = _forward(find, up)
+    _along(find, parts, up, forward)
+    for role, wish in wishes.items():
+        if wish is None:
+            parts.pop(role, None)
+        else:
+            parts[role] = wish.parts
+    axes = (up, forward) if up and any(not _scalar(find, role) for role in parts) else None
+    _check_enough(find, set(parts))
+    loads = {role: _parts(find, role, parts[role]) for role in parts if role == "fz"}
+    quantities = {role: _quantity(find, role, parts[role], loads.get("fz")) for role in parts}
+    return Columns(quantities=quantities, axes=axes, said=tuple(find.said), assumed=tuple(find.assumed))
+
+
+Parts = tuple[tuple[int, int], ...]
+
+
+def _scalar(find: _Finder, role: str) -> bool:
+    """Whether ``role`` does not depend on the axes."""
+    if find.wishes.get(role) is not None:
+        return True
+    return role in ("time", "angle", "rate", "toe", "heel", "torque")
+
+
+def _scalars(find: _Finder) -> dict[str, Parts]:
+    """Roles that a name alone says."""
+    found: dict[str, Parts] = {}
+    for role in usual.SCALARS:
+        if role in find.wishes:
+            continue
+        columns = [index for index, each in find.known.items() if each.role == role]
+        if len(columns) > 1:
+            plain = [index for index in columns if find.table.names[index].lower() == role]
+            columns = plain if len(plain) == 1 else columns
+        if len(columns) == 1:
+            found[role] = ((columns[0], 1),)
+        elif columns:
+            find.ambiguous[role] = [find.table.names[index] for index in columns]
+    if not {"toe", "heel"} <= {*found, *(role for role, wish in find.wishes.items() if wish)}:
+        found.pop("toe", None)
+        found.pop("heel", None)
+    return found
+
+
+def _plate(find: _Finder, kind: str) -> dict[str, int]:
+    """Columns of a ``kind`` by axis, of the plate that there is, or of the net of several; empty if in doubt."""
+    groups: dict[str, dict[str, int]] = {}
+    for index, each in find.known.items():
+        if each.kind == kind:
+            groups.setdefault(each.tag, {}).setdefault(each.axis, index)
+    if "net" in groups:
+        return groups["net"]
+    if len(groups) == 1:
+        return next(iter(groups.values()))
+    if len(groups) > 1:
+        find.ambiguous[kind] = [find.table.names[index] for group in groups.values() for index in group.values()]
+    return {}
+
+
+def _vertical(find: _Finder) -> str:
+    """The axis that points up: as the user says and the data confirm, or as the data leave no doubt; else empty."""
+    wish = find.how.up
+    if wish not in (None, "y", "z"):
+        message = f"is {wish[:20]!r}; needs y or z"
+        raise BadInput(message, key="--up")
+    force, body, ankle = _plate(find, "force"), _plate(find, "com"), _sides(find, "ankle")
+    sizes: dict[str, float] = {}
+    if force:
+        what = "force"
+        for axis, index in force.items():
+            column = find.table.values[:, index]
+            loaded = column[np.isfinite(column) & (column != 0)]
+            sizes[axis] = abs(float(np.median(loaded))) if len(loaded) else 0.0
+    elif body:
+        what = "height of the centre of gravity"
+        for axis, index in body.items():
+            low = [np.nanmean(find.table.values[:, each]) for each in ankle.get(axis, ())]
+            column = find.table.values[:, index]
+            sizes[axis] = abs(float(np.nanmean(column)) - (float(np.mean(low)) if low else 0.0))
+    else:
+        return wish or ""
+    ranked = sorted(sizes, key=lambda axis: -sizes[axis])
+    top = ranked[0]
+    clear = len(ranked) == 1 or sizes[top] > DOMINANT * sizes[ranked[1]]
+    figures = ", ".join(f"{axis} {sizes[axis]:.4g}" for axis in sorted(sizes))
+    if wish is not None:
+        if wish not in sizes or (clear and top != wish):
+            message = f"is {wish}, and the file's {what} is largest along {top} (mean {figures}); give --up {top}"
+            raise BadInput(message, file=find.table.origin, key="--up")
+        return wish
+    needed = {"fz", "cop"} if force else {"com_x", "com_y"}
+    if all(find.wishes.get(role) for role in needed):
+        return top if clear and top != "x" else ""
+    if not clear or top == "x":
+        message = f"leaves open which axis points up (mean {what}: {figures}); give --up y or --up z, or --columns"
+        raise BadInput(message, file=find.table.origin)
+    find.said.append(f"{top} points up (mean {what}: {figures})")
+    return top
+
+
+def _forward(find: _Finder, up: str) -> str:
+    wish = find.how.forward
+    if wish is None:
+        named = find.wishes.get("cop") or find.wishes.get("com_x")
+        known = find.known.get(named.parts[0][0]) if named and len(named.parts) == 1 else None
+        if named and known and known.axis and known.axis != up:
+            return ("-" if named.parts[0][1] < 0 else "") + known.axis
+        return "z" if up == "x" else "x"
+    if wish.lstrip("-+") not in ("x", "y", "z") or len(wish) > 2:
+        message = f"is {wish[:20]!r}; needs x, -x, y, -y, z or -z"
+        raise BadInput(message, key="--forward")
+    if wish.lstrip("-+") == up:
+        message = f"is {wish}, and {up} points up; needs a horizontal axis"
+        raise BadInput(message, key="--forward")
+    return wish.lstrip("+")
+
+
+def _along(find: _Finder, parts: dict[str, Parts], up: str, forward: str) -> None:
+    """Add the roles along the axes ``up`` and ``forward`` to ``parts``."""
+    if not up:
+        return
+    axis, sign = forward[-1], -1 if forward.startswith("-") else 1
+    side = next(a for a in "xyz" if a not in (axis, up))
+    turn = sign if (up, axis) in (("x", "y"), ("y", "z"), ("z", "x")) else -sign  # side axis = up x forward
+    before = set(parts)
+    wanted = {
+        "fz": ("force", up, 1), "fx": ("force", axis, sign), "my": ("moment", side, turn), "cop": ("cop", axis, sign),
+        "com_x": ("com", axis, sign), "com_y": ("com", up, 1),
+    }  # fmt: skip
+    for role, (kind, along, its) in wanted.items():
+        if role in find.wishes or role in parts:
+            continue
+        columns = _plate(find, kind)
+        if along in columns:
+            parts[role] = ((columns[along], its),)
+    ankle = _sides(find, "ankle")
+    for role, along, its in (("ankle_x", axis, sign), ("ankle_y", up, 1)):
+        if role not in find.wishes and along in ankle:
+            parts[role] = tuple((index, its) for index in ankle[along])
+    told = find.wishes.get("cop") or find.wishes.get("com_x")
+    if find.how.forward is None and not told and set(parts) - before - {"fz", "com_y", "ankle_y"}:
+        find.assumed.append(f"{axis} points forward, to the toes (give --forward)")
+
+
+def _sides(find: _Finder, kind: str) -> dict[str, list[int]]:
+    """Columns of a ``kind`` by axis, right and left together."""
+    found: dict[str, list[int]] = {}
+    for index, each in find.known.items():
+        if each.kind == kind and each.tag in ("", "r", "l", "net"):
+            found.setdefault(each.axis, []).append(index)
+    return found
+
+
+def _check_enough(find: _Finder, roles: set[str]) -> None:
+    """Raise ``BadInput`` unless the contact forces, or the posture, follow from ``roles``."""
+    contact = {"toe", "heel"} <= roles or ("fz" in roles and roles & {"cop", "my"})
+    posture = {"com_x", "com_y", "ankle_x", "ankle_y"} <= roles
+    if contact or posture:
+        return
+    columns = listed(find.table.names)
+    if "fz" in roles and not find.ambiguous:
+        message = f"has a vertical force but neither cop nor my was found; give them: {EXAMPLE}; its columns: {columns}"
+    elif find.ambiguous:
+        which = "; ".join(f"{kind}: {', '.join(found)}" for kind, found in find.ambiguous.items())
+        message = (
+            f"has more than one column of a kind ({which}); say which, or join plates with +, as"
+            f" --columns fz=Fz1+Fz2,cop=COPx1+COPx2; its columns: {columns}"
+        )
+    else:
+        message = (
+            "holds no columns that are known by name; needs toe and heel force, or vertical force and CoP (or moment),"
+            f" or centre of gravity and ankles: {EXAMPLE}; its columns: {columns}"
+        )
+    raise BadInput(message, file=find.table.origin)
+
+
+def _quantity(find: _Finder, role: str, parts: Parts, loads: list[Array] | None) -> Quantity:
+    """The values of ``role`` in SI: forces and moments of several columns are added, positions are averaged.
+
+    Centres of pressure of several plates are weighted by their loads where there are as many of these.
+    """
+    arrays = _parts(find, role, parts)
+    unit, sure = _unit(find, role, parts[0][0])
+    label = "+".join(("-" if sign < 0 else "") + find.table.names[index] for index, sign in parts)
+    if ROLES[role] != "position" and role != "time":
+        values = np.sum(arrays, axis=0)
+    elif role == "cop" and loads is not None and len(loads) == len(arrays) > 1:
+        total = np.sum(loads, axis=0)
+        with np.errstate(all="ignore"):
+            values = np.sum([load * x for load, x in zip(loads, arrays, strict=True)], axis=0) / total
+        values = np.where(total == 0, 0.0, values)
+        find.said.append("CoP of the plates together: weighted by their loads")
+    else:
+        values = np.mean(arrays, axis=0)
+    return Quantity(values=values, columns=label, unit=unit, sure=sure)
+
+
+def _parts(find: _Finder, role: str, parts: Parts) -> list[Array]:
+    arrays = []
+    for index, sign in parts:
+        _check_cells(find, index)
+        unit, _ = _unit(find, role, index)
+        arrays.append(sign * FACTORS[ROLES[role]][unit] * find.table.values[:, index])
+    return arrays
+
+
+def _check_cells(find: _Finder, index: int) -> None:
+    fault, name = find.table.faults.get(index), find.table.names[index]
+    if fault is None:
+        return
+    if fault.count >= len(find.table.values):
+        message = f"holds no numbers; choose another column with --columns; the file's: {listed(find.table.names)}"
+        raise BadInput(message, file=find.table.origin, key=f"column {name}")
+    if find.how.allow_gaps:
+        return
+    what = f"is {fault.text[:40]!r}" if fault.text else "is empty"
+    more = f" (and {fault.count - 1} more such cells)" if fault.count > 1 else ""
+    message = f"{what}; needs a number{more}; mend it, or mask such rows with --allow-gaps"
+    raise BadInput(message, file=find.table.origin, key=f"{find.table.place} {fault.line}, column {name}")
+
+
+def _unit(find: _Finder, role: str, index: int) -> tuple[str, bool]:
+    """The unit of a column, and whether the user or the file states it."""
+    kind, name = ROLES[role], find.table.names[index]
+    wish = find.wishes.get(role)
+    known = find.known.get(index)
+    stated = find.table.units[index] or (known.unit if known else None)
+    if stated and factor(stated, kind) is None:
+        message = f"is in {stated}, and {role} is a {kind}; allowed: {', '.join(FACTORS[kind])}"
+        raise BadInput(message, file=find.table.origin, key=f"column {name}")
+    said = wish.unit if wish else None
+    if said and stated and said != stated:
+        message = f"is in {stated} by the file, and --columns says {said}; leave the unit out, or correct the header"
+        raise BadInput(message, file=find.table.origin, key=f"column {name}")
+    return said or stated or next(iter(FACTORS[kind])), bool(said or stated)

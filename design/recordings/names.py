@@ -1,0 +1,89 @@
+"""Usual names of columns: of plates by AMTI, Bertec, Kistler, Vicon and Qualisys, of OpenSim, and our own."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from design.recordings.units import unit_of
+
+SCALARS = {
+    "time": "time t times timestamp timestamps abstime mocaptime elapsedtime times timesec timestampsec",
+    "angle": "angle theta ankleangle leanangle bodyangle swayangle",
+    "rate": "rate omega angularrate angularvelocity anglerate thetadot ankleangularvelocity",
+    "toe": "toeforce toe ft forcetoe",
+    "heel": "heelforce heel fh forceheel",
+    "torque": "torque tau ankletorque anklemoment",
+    "fz": "verticalforce vgrf grfv load fvertical fv",
+    "fx": "horizontalforce forwardforce apforce fap",
+    "cop": "cop copap apcop copforward",
+}
+_ROLE = {word: role for role, words in SCALARS.items() for word in words.split()}
+
+_KIND = {
+    "force": "f force forcef grf grfnet groundreactionforce",
+    "moment": "m moment momentm grm groundreactionmoment",
+    "cop": "cop copnet c copc copa centerofpressure centreofpressure",
+    "com": "com cog centerofmass centreofmass centerofgravity centreofgravity",
+    "ankle": "ankle ank anklejoint anklejointcenter anklejointcentre",
+}
+_WORD = {word: kind for kind, words in _KIND.items() for word in words.split()}
+_AXIS = re.compile(
+    r"(?P<pre>net|total|sum|right|left|r|l|(?:fp|forceplate|forceplatform|plate|platform|p)?\d+)?"
+    rf"(?P<word>{'|'.join(sorted(_WORD, key=len, reverse=True))})(?P<axis>[xyz])"
+    r"(?P<post>net|total|sum|right|left|r|l|\d+)?"
+)
+_OPENSIM = re.compile(
+    r"(?P<pre>\d*)ground(?P<word>forcev|forcep|force\d+v|force\d+p|torque\d*|moment\d*m?)(?P<axis>[xyz])"
+)
+_SUFFIX = re.compile(r"(.+?)_(rad_per_s|deg_per_s|[a-zA-Z]{1,3})")
+_WHOLE = {"net", "total", "sum", ""}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """What a name says: a ``role``, or a ``kind`` and an ``axis``; the plate's or side's ``tag``; a ``unit``."""
+
+    role: str = ""
+    kind: str = ""
+    axis: str = ""
+    tag: str = ""
+    unit: str | None = None
+
+
+def recognise(name: str) -> Known | None:
+    """What a column called ``name`` holds, if its name is a usual one."""
+    found = _plain(name, None)
+    if found is None and (match := _SUFFIX.fullmatch(name)):
+        unit = unit_of(match[2].replace("_per_", "/"))
+        return _plain(match[1], unit) if unit else None
+    return found
+
+
+def _plain(name: str, unit: str | None) -> Known | None:
+    again = re.fullmatch(r"(.*\w)\.(\d+)", name)
+    base, number = (again[1], again[2]) if again else (name, "")
+    if "|" in base:
+        return None
+    if match := re.fullmatch(r"A([xyz])(\d*)", base):
+        return Known(kind="cop", axis=match[1], tag=match[2] or number, unit=unit)
+    key = re.sub(r"[^a-z0-9]", "", base.lower())
+    if key in _ROLE:
+        return Known(role=_ROLE[key], tag=number, unit=unit)
+    if match := _OPENSIM.fullmatch(key):
+        word = re.sub(r"\d", "", match["word"])
+        kind = {"forcev": "force", "forcep": "cop"}.get(word, "moment")
+        digits = re.sub(r"\D", "", match["word"])
+        return Known(kind=kind, axis=match["axis"], tag=match["pre"] or digits or number, unit=unit)
+    if match := _AXIS.fullmatch(key):
+        tags = {_tag(match["pre"]), _tag(match["post"]), number} - {""}
+        whole = match["word"].endswith("net") or match["pre"] in _WHOLE - {""} or match["post"] in _WHOLE - {""}
+        tag = "net" if whole else "/".join(sorted(tags))
+        return Known(kind=_WORD[match["word"]], axis=match["axis"], tag=tag, unit=unit)
+    return None
+
+
+def _tag(text: str | None) -> str:
+    if not text or text in _WHOLE:
+        return ""
+    return text[:1] if text[0] in "rl" else re.sub(r"\D", "", text)

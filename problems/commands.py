@@ -1,0 +1,65 @@
+"""From the arguments of `poise synthesize` and `poise study` to what they print: open, ask, keep what is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from design.model.laws import LawKind
+from design.present import opening, store, study_folder, study_text, synthesis, terminal
+from design.spec.schema import Objective
+from problems import gains
+from problems.comparison import conduct
+
+
+def synthesize(
+    spec: str,
+    maximise: Objective | None,
+    law: LawKind | None,
+    starts: int | None,
+    time_limit: float,
+    form: str,
+    output: str | None,
+    *,
+    strict: bool,
+) -> tuple[str, str]:
+    """What to print of the gains that are found, and the word of the status; the design is written to ``output``."""
+    source, problem = opening.opened(spec, law, strict=strict)
+    if maximise is not None:
+        problem = replace(problem, maximise=maximise)
+    with terminal.progress() as say:
+        answer = gains.solve(problem, starts=starts, seconds=time_limit, say=say)
+    stored = store.dumps(synthesis.document(source, problem, answer))
+    if output:
+        store.write(output, stored)
+    printed = stored if form == "json" else synthesis.text(source, problem, answer, terminal.painter_for_output())
+    return printed, answer.outcome.status.word
+
+
+def study(
+    spec: str,
+    controllers: list[str] | None,
+    trials: int | None,
+    seed: int | None,
+    jobs: int | None,
+    dask: str | None,
+    form: str,
+    output: str | None,
+    *,
+    resume: bool,
+    strict: bool,
+) -> tuple[str, bool]:
+    """What to print of a comparison, and whether it is complete; its trials are kept in the folder ``output``."""
+    source, problem = opening.opened(spec, strict=strict)
+    problem, names = conduct.with_options(problem, trials=trials, seed=seed, controllers=controllers)
+    study_folder.check(output, resume=resume)
+    with terminal.progress() as say, terminal.terminated_like_interrupted(), study_folder.kept(output):
+        found = conduct.conduct(
+            source, problem, names, folder=output, resume=resume, jobs=jobs or terminal.cores(), dask=dask, say=say
+        )
+    document = store.document("study", source, **conduct.facts(found, problem))
+    if output:
+        study_folder.write(output, document, found.rows)
+    paint = terminal.painter_for_output()
+    return store.dumps(document) if form == "json" else study_text.as_text(document, paint), document[
+        "status"
+    ] == "complete"

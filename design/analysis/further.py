@@ -87,8 +87,12 @@ def loop_rows(setting: Setting, loop: ClosedLoop, gains: Gains) -> list[Row]:
     basis = "exact" if len(places) == 1 else "sampled"  # between the environments looked at nothing is known
     rows = []
     try:
-        found = [(loop_margins(biped, kind, gains, A, load), places[A, load]) for A, load in environments]
-        periods = [(longest_period(biped, kind, gains, A, load), places[A, load]) for A, load in environments]
+        found = [
+            (loop_margins(biped, kind, gains, A, load, setting.adapt), places[A, load]) for A, load in environments
+        ]
+        periods = [
+            (longest_period(biped, kind, gains, A, load, setting.adapt), places[A, load]) for A, load in environments
+        ]
     except (ValueError, np.linalg.LinAlgError) as error:
         undecided: list[tuple[str, str, str]] = [(row, sense, unit) for row, sense, unit, _ in MARGINS]
         rows += [
@@ -123,6 +127,8 @@ def _slope_rate(setting: Setting, gains: Gains) -> Row:
         "id": "slope-rate", "equation": "(18)", "scenario": None, "unit": "deg/s", "basis": "exact",
         "sense": "at least",
     }  # fmt: skip
+    if math.isfinite(setting.adapt):
+        return _row(setting, **facts, value=None, note="not computed for a law that adapts (law.adapt_s)")
     try:
         peak = peak_gain(setting.biped, setting.law, gains)
     except (ValueError, np.linalg.LinAlgError) as error:

@@ -31,9 +31,9 @@ def loop_curves(setting: Setting, gains: Gains) -> LoopCurves:
         np.concatenate(part)
         for part in zip(*(s.operating_points(setting.biped) for s in setting.scenarios), strict=True)
     )
-    A, load = deciding_points(setting.law, A, load)
+    A, load = deciding_points(setting.law, A, load, setting.adapt)
     worst = int(np.argmax(A))
-    broken = breaks(setting.biped, setting.law, gains, float(A[worst]), float(load[worst]))["actuator"]
+    broken = breaks(setting.biped, setting.law, gains, float(A[worst]), float(load[worst]), setting.adapt)["actuator"]
     factors = np.concatenate([np.linspace(0.0, 1.0, 300), np.linspace(1.0, 3.0, 200)])
     size = max(float(np.abs((broken.P + broken.Q).roots()).max()), 1e-6)
     omega = np.logspace(np.log10(size) - 3.5, np.log10(size) + 1.5, 500)

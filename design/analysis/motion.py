@@ -32,20 +32,20 @@ class Motion:
         self.steps = steps
         self._count = len(self.steps.h)
         self._inputs = ca.DM(np.vstack([self.steps.h, self.steps.start, self.steps.middle, self.steps.end]))
-        self._z0 = (scenario.theta0, scenario.omega0, 0.0)
+        self._z0 = loop.start(scenario.theta0, scenario.omega0)
         self._steps = sensitivity_steps(loop)
         self._built: dict[tuple[int, int], ca.Function] = {}
 
     def states(self, instants: Sequence[int]) -> ca.Function:
-        """K (3) -> states (3, n) at the samples numbered ``instants`` (n), with exact derivatives to second order."""
+        """K (3) -> states (m, n) at the samples numbered ``instants`` (n), with exact derivatives to second order."""
         columns = [int(k) for k in instants]
-        n = len(columns)
-        K, Z, J = ca.MX.sym("K", 3), ca.MX.sym("Z", 3, n), ca.MX.sym("J", 3 * n, 3)
+        n, m = len(columns), len(self._z0)
+        K, Z, J = ca.MX.sym("K", 3), ca.MX.sym("Z", m, n), ca.MX.sym("J", m * n, 3)
         plain, first, second = (self._marched(order, K, max(columns))[:, columns] for order in range(3))
-        jacobian = ca.horzcat(*[ca.vec(first[3 + 3 * j : 6 + 3 * j, :]) for j in range(3)])
-        hessian = ca.horzcat(*[ca.vertcat(*[ca.vec(second[_rows(i, j), :]) for j in range(3)]) for i in range(3)])
+        jacobian = ca.horzcat(*[ca.vec(first[m + m * j : 2 * m + m * j, :]) for j in range(3)])
+        hessian = ca.horzcat(*[ca.vertcat(*[ca.vec(second[_rows(m, i, j), :]) for j in range(3)]) for i in range(3)])
         curvature = ca.Function(
-            "jac_jac_states", [K, Z, J], [hessian, ca.MX(9 * n, 3 * n)], ["K", "out_Z", "out_jac_Z_K"],
+            "jac_jac_states", [K, Z, J], [hessian, ca.MX(3 * m * n, m * n)], ["K", "out_Z", "out_jac_Z_K"],
             ["jac_jac_Z_K_K", "jac_jac_Z_K_out_Z"],
         )  # fmt: skip
         slope = ca.Function(
@@ -54,7 +54,7 @@ class Motion:
         return ca.Function("states", [K], [plain], ["K"], ["Z"], {"custom_jacobian": slope, **_CLOSED})
 
     def all_states(self, K: ca.MX) -> ca.MX:
-        """States (3, N+1) at every sample, without the fast derivatives."""
+        """States (m, N+1) at every sample, without the fast derivatives."""
         return self._marched(0, K, self._count)
 
     def _marched(self, order: int, K: ca.MX, last: int) -> ca.MX:
@@ -63,25 +63,26 @@ class Motion:
         if (order, blocks) not in self._built:
             step = self._steps[order]
             count = min(self._count, -(-self._count * blocks // BLOCKS))
-            gains, start = ca.MX.sym("K", 3), ca.DM([*self._z0, *[0.0] * (step.size1_in(0) - 3)])
+            gains, start = ca.MX.sym("K", 3), ca.DM([*self._z0, *[0.0] * (step.size1_in(0) - len(self._z0))])
             march = step.mapaccum("march", count)(start, self._inputs[:, :count], ca.repmat(gains, 1, count))
             self._built[order, blocks] = ca.Function("marched", [gains], [ca.horzcat(start, march)])
         return self._built[order, blocks](K)
 
 
-def _rows(i: int, j: int) -> slice:
-    at = 12 + 3 * _PAIRS.index((min(i, j), max(i, j)))
-    return slice(at, at + 3)
+def _rows(m: int, i: int, j: int) -> slice:
+    at = 4 * m + m * _PAIRS.index((min(i, j), max(i, j)))
+    return slice(at, at + m)
 
 
 @lru_cache(maxsize=16)
 def sensitivity_steps(loop: ClosedLoop) -> list[ca.Function]:
-    """The step of z (3), of (z, dz/dK) (12), and of (z, dz/dK, d²z/dK²) (30), each a function of (state, u, K).
+    """The step of z (m), of (z, dz/dK) (4 m), and of (z, dz/dK, d²z/dK²) (10 m), each a function of (state, u, K).
 
     With z⁺ = phi(z, K): S⁺ = phi_z S + phi_K, and its derivative along each pair of gains.
     """
-    z, u, K = ca.SX.sym("z", 3), ca.SX.sym("u", 7), ca.SX.sym("K", 3)
-    S, T = ca.SX.sym("S", 3, 3), ca.SX.sym("T", 3, len(_PAIRS))
+    m = loop.size
+    z, u, K = ca.SX.sym("z", m), ca.SX.sym("u", 7), ca.SX.sym("K", 3)
+    S, T = ca.SX.sym("S", m, 3), ca.SX.sym("T", m, len(_PAIRS))
     step = loop.step
     following = step.call([z, u, K], True, False)[0]
     zK = ca.vertcat(z, K)
@@ -89,7 +90,9 @@ def sensitivity_steps(loop: ClosedLoop) -> list[ca.Function]:
     S_next = [ca.jtimes(following, zK, direction) for direction in along]
     T_next = []
     for index, (i, j) in enumerate(_PAIRS):
-        held = ca.SX.sym("held", 6)  # d/dj of the i-th sensitivity, its direction held, plus the direction's own change
+        held = ca.SX.sym(
+            "held", m + 3
+        )  # d/dj of the i-th sensitivity, its direction held, plus the direction's own change
         bent = ca.jtimes(ca.jtimes(following, zK, held), zK, along[j])
         T_next.append(ca.substitute(bent, held, along[i]) + ca.jtimes(following, z, T[:, index]))
     cse = {"cse": True}

@@ -17,7 +17,6 @@ from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from design.model.body import Biped
@@ -180,6 +179,8 @@ def observer(
 @lru_cache(maxsize=64)
 def _gains(biped: Biped, sensors: Sensors, period: float, walk: float) -> tuple[tuple[tuple[float, float], ...], float]:
     """Stationary Kalman gains about the upright posture on level ground; an infinite deviation: not measured."""
+    import scipy.linalg
+
     A = _free(biped, period)
     # a floor far below any sensor's resolution keeps the equation solvable for exact sensors
     angle = _variance(sensors.angle, sensors.angle_step) + 1e-7**2
@@ -209,6 +210,8 @@ def lag(watch: Observer) -> tuple[float, float]:
 
 def _free(biped: Biped, period: float) -> Array:
     """How theta, omega and F_x go on over a period, about the upright posture on level ground."""
+    import scipy.linalg
+
     stiffness = biped.M * biped.g * biped.L / biped.I
     rates = np.array([[0.0, 1.0, 0.0], [stiffness, 0.0, biped.L / biped.I], [0.0, 0.0, 0.0]])
     return np.asarray(scipy.linalg.expm(rates * period))

@@ -132,7 +132,7 @@ def _capture(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
 
 
 def _poles(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
-    if setting.bounds is None:
+    if setting.bounds is None or math.isfinite(setting.adapt):  # (27)-(29) are then not necessary
         return
     biped, kind = setting.biped, setting.law
     low, high = setting.bounds[:, 0], setting.bounds[:, 1]

@@ -37,6 +37,8 @@ class SecondOpinion:
     finished: bool
 
 
+LONGEST = 0.05
+"""Longest step [s]: what the integrator reads between its steps is of a lower order than they are."""
 EVALUATIONS = 300_000
 """Evaluations of the right-hand side after which the integrator counts as crawling, as it does where load vanishes."""
 
@@ -53,13 +55,22 @@ def load_integrator() -> Any:
 
 
 def second_opinion(
-    biped: Biped, kind: LawKind, theta_d: float, gains: Gains, scenario: Scenario, step: float
+    biped: Biped,
+    kind: LawKind,
+    theta_d: float,
+    gains: Gains,
+    scenario: Scenario,
+    step: float,
+    adapt: float = math.inf,
 ) -> SecondOpinion:
-    """Run the loop again, to a relative tolerance of 1e-10, and read it at the samples of ``step`` [s]."""
+    """Run the loop again, to a relative tolerance of 1e-10, and read it at the samples of ``step`` [s].
+
+    The states are theta, omega, s, and theta_d itself, which follows the estimate within ``adapt`` [s].
+    """
     solve_ivp = load_integrator()
     samples = scenario.steps(step)
-    z = np.full((3, len(samples.t)), np.nan)
-    state = np.array([scenario.theta0, scenario.omega0, 0.0])
+    z = np.full((4, len(samples.t)), np.nan)
+    state = np.array([scenario.theta0, scenario.omega0, 0.0, theta_d])
     finished = True
     budget = EVALUATIONS
     for start, end in scenario.pieces():
@@ -74,13 +85,21 @@ def second_opinion(
             if budget < 0:
                 raise _TooManySteps
             F_x, F_y = scenario.to_force(first + (t - start) * growth)[:, 0]
-            return _rate(biped, kind, theta_d, gains, z, float(F_x), float(F_y))
+            return _rate(biped, kind, adapt, gains, z, float(F_x), float(F_y))
 
         inside = np.flatnonzero((samples.t >= start) & (samples.t <= end))
         times = np.unique(samples.t[inside])
         try:
             run = solve_ivp(
-                slope_of, (start, end), state, method="DOP853", rtol=1e-10, atol=1e-12, t_eval=times, events=_blow_up
+                slope_of,
+                (start, end),
+                state,
+                method="DOP853",
+                rtol=1e-10,
+                atol=1e-12,
+                t_eval=times,
+                events=_blow_up,
+                max_step=LONGEST,
             )
         except _TooManySteps:
             finished = False
@@ -90,7 +109,7 @@ def second_opinion(
             break
         z[:, inside] = run.y[:, np.searchsorted(run.t, samples.t[inside])]
         state = run.y[:, -1]
-    tau, F_T, F_H = _reactions(biped, kind, theta_d, gains, z, samples.force)
+    tau, F_T, F_H = _reactions(biped, kind, gains, z, samples.force)
     return SecondOpinion(t=samples.t, theta=z[0], tau=tau, F_T=F_T, F_H=F_H, finished=finished)
 
 
@@ -101,17 +120,15 @@ def _blow_up(t: float, z: Array) -> float:
 _blow_up.terminal = True  # type: ignore[attr-defined]
 
 
-def _torque(biped: Biped, kind: LawKind, theta_d: float, gains: Gains, z: Array) -> Array:
+def _torque(biped: Biped, kind: LawKind, gains: Gains, z: Array) -> Array:
     factor = {"pd": 0.0, "force": gains.K_f, "cop": gains.K_f * (biped.M + biped.m) * biped.g / biped.ell}[kind]
-    return np.asarray(gains.K_p * (theta_d - z[0]) - gains.K_d * z[1] + factor * z[2])
+    return np.asarray(gains.K_p * (z[3] - z[0]) - gains.K_d * z[1] + factor * z[2])
 
 
-def _reactions(
-    biped: Biped, kind: LawKind, theta_d: float, gains: Gains, z: Array, force: Array
-) -> tuple[Array, Array, Array]:
+def _reactions(biped: Biped, kind: LawKind, gains: Gains, z: Array, force: Array) -> tuple[Array, Array, Array]:
     """Torque, toe and heel force: the centre of gravity's vertical motion, then the foot's moment balance."""
     theta, omega = z[0], z[1]
-    tau = _torque(biped, kind, theta_d, gains, z)
+    tau = _torque(biped, kind, gains, z)
     turning = _turning(biped, np.sin(theta), np.cos(theta), tau, force[0], force[1])
     rising = -biped.L * (turning * np.sin(theta) + omega**2 * np.cos(theta))  # second derivative of L cos(theta)
     pressing = biped.M * (rising + biped.g) - force[1]  # of the body on the foot
@@ -125,8 +142,8 @@ def _turning(biped: Biped, sine: Array, cosine: Array, tau: Array, F_x: Array, F
     return np.asarray(((biped.M * biped.g - F_y) * lever_x + F_x * lever_y + tau) / biped.I)
 
 
-def _rate(biped: Biped, kind: LawKind, theta_d: float, gains: Gains, z: Array, F_x: float, F_y: float) -> list[float]:
-    theta, omega, s = float(z[0]), float(z[1]), float(z[2])
+def _rate(biped: Biped, kind: LawKind, adapt: float, gains: Gains, z: Array, F_x: float, F_y: float) -> list[float]:
+    theta, omega, s, theta_d = (float(part) for part in z)
     ell, L = biped.ell, biped.L
     factor = {"pd": 0.0, "force": gains.K_f, "cop": gains.K_f * (biped.M + biped.m) * biped.g / ell}[kind]
     tau = gains.K_p * (theta_d - theta) - gains.K_d * omega + factor * s
@@ -137,4 +154,5 @@ def _rate(biped: Biped, kind: LawKind, theta_d: float, gains: Gains, z: Array, F
         gathering = tau / total if total else math.inf
     else:
         gathering = 0.0 if kind == "pd" else tau / ell
-    return [omega, turning, gathering]
+    leaning = theta - (biped.I * turning - tau) / (biped.M * biped.g * L)  # where the moments say the body would rest
+    return [omega, turning, gathering, (leaning - theta_d) / adapt]

@@ -28,7 +28,7 @@ FALLEN = 0.5 * np.pi
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trajectory:
-    """Samples of one run, each array (n,) but F and F_estimate (2, n), in SI units.
+    """Samples of one run, each array (n,) but F and F_estimate (2, n), in SI units; ``theta_d`` the desired angle.
 
     ``alpha`` is None where the scenario is not a slope. ``fallen`` is the time of the fall, after which nothing is
     stored, or None.
@@ -39,6 +39,7 @@ class Trajectory:
     theta: Array
     omega: Array
     s: Array
+    theta_d: Array
     tau: Array
     F_T: Array
     F_H: Array
@@ -60,7 +61,7 @@ class Trajectory:
 
 @lru_cache(maxsize=64)
 def _runner(loop: ClosedLoop, scenario: Scenario, step: float) -> tuple[Steps, ca.Function]:
-    """The samples, and a function (K, s at t = 0) -> theta, omega, s, tau, F_T, F_H at all of them (6, N+1).
+    """The samples, and a function (K, s at t = 0) -> z, tau, F_T, F_H at all of them (n + 3, N+1).
 
     Built once with the scenario inside: CasADi does not give back what it builds, and handing it large arrays at every
     call takes longer than the run.
@@ -68,7 +69,7 @@ def _runner(loop: ClosedLoop, scenario: Scenario, step: float) -> tuple[Steps, c
     steps = scenario.steps(step)
     count = len(steps.h)
     K, s0 = ca.MX.sym("K", 3), ca.MX.sym("s0")
-    z0 = ca.vertcat(scenario.theta0, scenario.omega0, s0)
+    z0 = ca.vertcat(*loop.start(scenario.theta0, scenario.omega0, s0))
     inputs = ca.DM(np.vstack([steps.h, steps.start, steps.middle, steps.end]))
     z = ca.horzcat(z0, loop.march(count)(z0, inputs, ca.repmat(K, 1, count)))
     y = loop.readout.map(count + 1)(z, ca.DM(steps.force), ca.repmat(K, 1, count + 1))
@@ -88,7 +89,8 @@ def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0
         end = max(int(np.argmin(upright)), 1)
         fallen = float(steps.t[min(end, len(steps.t) - 1)])
         found = found[:, :end]
-    theta, omega, s, tau, F_T, F_H = found
+    z, (tau, F_T, F_H) = found[:-3], found[-3:]
+    theta, omega, s = z[:3]
     n = len(theta)
     with np.errstate(all="ignore"):
         P = (F_T - F_H) * loop.biped.ell / (F_T + F_H)  # (18)
@@ -98,6 +100,7 @@ def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0
         theta=theta,
         omega=omega,
         s=s,
+        theta_d=loop.theta_d(z),
         tau=tau,
         F_T=F_T,
         F_H=F_H,

@@ -136,7 +136,7 @@ def _watched(loop: ClosedLoop, step: float) -> ca.Function:
     """(omega0, F, K) -> the smallest contact force, and the largest |theta|, under a constant force."""
     count = max(1, math.ceil(HORIZON / step))
     omega0, F, K = ca.MX.sym("omega0"), ca.MX.sym("F", 2), ca.MX.sym("K", 3)
-    z0 = ca.vertcat(0.0, omega0, 0.0)
+    z0 = ca.vertcat(*loop.start(0.0, omega0))
     u = ca.vertcat(step, F, F, F)
     z = ca.horzcat(z0, loop.march(count)(z0, ca.repmat(u, 1, count), ca.repmat(K, 1, count)))
     y = loop.readout.map(count + 1)(z, ca.repmat(F, 1, count + 1), ca.repmat(K, 1, count + 1))

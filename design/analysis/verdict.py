@@ -6,6 +6,7 @@ requires nothing informs.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from design.analysis.further import LINEAR_IDS, RUN_IDS, STEP_IDS, loop_rows, run_rows, survival_rows
 from design.analysis.rows import Row, Series, Verdict
 from design.analysis.simulate import Trajectory, components, simulate
-from design.model.closed_loop import ClosedLoop, closed_loop
+from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario
 from design.model.laws import Gains
 from design.model.limits import Limit, Required, limits
@@ -24,7 +25,9 @@ from design.model.stability import (
     closed_loop_matrix,
     decay_rate,
     deciding_points,
+    is_hurwitz,
     routh_hurwitz,
+    shortest_adaptation,
 )
 from design.spec.setting import Setting
 
@@ -44,7 +47,7 @@ def judge(setting: Setting, gains: Gains, extent: Literal["required", "all"] = "
     def wanted(ids: Sequence[str]) -> bool:
         return everything or any(row in setting.required for row in ids)
 
-    loop = closed_loop(setting.biped, setting.law, setting.theta_d)
+    loop = setting.loop()
     bounds = limits(loop.plant, setting.required)
     rows: list[Row] = []
     trajectories: list[Trajectory] = []
@@ -71,7 +74,7 @@ def judge(setting: Setting, gains: Gains, extent: Literal["required", "all"] = "
 def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[Row]:
     """(27)-(29) and the decay rate, at the environment of ``scenario`` that is worst for each."""
     biped, kind = setting.biped, setting.law
-    environments = list(zip(*deciding_points(kind, *scenario.operating_points(biped)), strict=True))
+    environments = list(zip(*deciding_points(kind, *scenario.operating_points(biped), setting.adapt), strict=True))
     equations = {"stiffness": "(27)", "damping": "(28)", "routh": "(29)"}
     units = {"stiffness": "N m/rad", "damping": "N m s/rad" if kind == "pd" else "m/s", "routh": "N² m² s"}
     worst: dict[str, tuple[float, float]] = {}
@@ -89,7 +92,9 @@ def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[R
         )
         for row, (left, right) in worst.items()
     ]  # fmt: skip
-    sigma = min(decay_rate(characteristic(biped, kind, gains, A, load)) for A, load in environments)
+    if math.isfinite(setting.adapt):
+        rows.append(_adaptation_row(setting, scenario, gains, [A for A, _ in environments]))
+    sigma = min(decay_rate(characteristic(biped, kind, gains, A, load, setting.adapt)) for A, load in environments)
     required = setting.required.get("decay-rate", Required(level=0.0))
     met = sigma > 0 and sigma >= required.level
     rows.append(
@@ -102,12 +107,30 @@ def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[R
     return rows
 
 
+def _adaptation_row(setting: Setting, scenario: Scenario, gains: Gains, sizes: Sequence[float]) -> Row:
+    """Whether theta_d may follow the estimate so fast: T_a against the shortest that is stable, over the scenario."""
+    biped = setting.biped
+    facts: dict[str, Any] = {"id": "adapt-time", "equation": "(15)", "scenario": scenario.name, "unit": "s",
+                             "value": setting.adapt, "time_s": None,
+                             "basis": "exact" if len(sizes) == 1 else "sampled"}  # fmt: skip
+    try:
+        shortest = max(shortest_adaptation(biped, gains, A, setting.adapt) for A in sizes)
+    except ValueError:
+        note = "the loop is unstable without adaptation"
+        return Row(**facts, required=None, margin=None, status="undecided", note=note)
+    stable = all(is_hurwitz(characteristic(biped, setting.law, gains, A, biped.weight, setting.adapt)) for A in sizes)
+    return Row(
+        **facts, required=shortest, margin=setting.adapt - shortest, status="met" if stable else "violated",
+        note="" if shortest else "theta_d may follow the estimate as fast as it likes",
+    )  # fmt: skip
+
+
 def coarse_step(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float) -> str:
     """Why the Runge-Kutta ``step`` [s] cannot be trusted with these gains, or an empty string."""
     biped = loop.biped
-    points = zip(*deciding_points(loop.law.kind, *scenario.operating_points(biped)), strict=True)
+    points = zip(*deciding_points(loop.law.kind, *scenario.operating_points(biped), loop.law.adapt), strict=True)
     with np.errstate(all="ignore"):
-        matrices = [closed_loop_matrix(biped, loop.law.kind, gains, A, load) for A, load in points]
+        matrices = [closed_loop_matrix(biped, loop.law.kind, gains, A, load, loop.law.adapt) for A, load in points]
     if not all(np.isfinite(matrix).all() for matrix in matrices):
         return "the linearised loop is not finite"
     fastest = max(float(np.abs(np.linalg.eigvals(matrix)).max()) for matrix in matrices)

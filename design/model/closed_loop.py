@@ -1,25 +1,33 @@
 """Biped and law together: z' = f(z, F, K) with z = (theta, omega, s), and one Runge-Kutta step of it.
 
+A law that adapts has a fourth state, eta (see ``design.model.laws``); n below is 3 or 4.
+
 While the foot stands, the law's integral follows from the torque: F_H - F_T = tau/ell (11).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
 from design.model.body import Biped
-from design.model.laws import Law, LawKind, law
+from design.model.laws import Law, LawKind, law, swing
 from design.model.plant import Plant, plant
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ClosedLoop:
     """The closed loop of ``plant`` and ``law`` with gains K = (K_p, K_d, K_f) left open.
 
-    ``rate``: (z (3), F (2), K (3)) -> z' (3), (12)-(13). ``torque``: (z, K) -> tau. ``step``: (z, u (7), K) -> z
+    ``rate``: (z (n), F (2), K (3)) -> z' (n), (12)-(13). ``torque``: (z, K) -> tau. ``step``: (z, u (7), K) -> z
     after one step of the classical fourth-order Runge-Kutta method; u = (h, F at its start, middle and end).
     ``readout``: (z, F, K) -> (tau, F_T, F_H).
     """
@@ -32,9 +40,31 @@ class ClosedLoop:
     readout: ca.Function
 
     def march(self, count: int) -> ca.Function:
-        """``count`` steps in a row: (z, u (7, count), K (3, count)) -> z after each (3, count)."""
+        """``count`` steps in a row: (z, u (7, count), K (3, count)) -> z after each (n, count)."""
         # nested in fours: CasADi's default takes five times as long to build
         return self.step.mapaccum("march", count, {"base": 4})
+
+    def start(self, theta: Any, omega: Any, s: Any = 0.0) -> list[Any]:
+        """The states z (n) at t = 0."""
+        return [theta, omega, s, *([self.law.theta_d + self._swing * omega] if self.size == 4 else [])]
+
+    def states(self, theta: Array, omega: Array, s: Array, theta_d: Array) -> Array:
+        """The states z (n, k) of samples, each (k,)."""
+        rows = [theta, omega, s, *([theta_d + self._swing * omega] if self.size == 4 else [])]
+        return np.vstack(rows)
+
+    def theta_d(self, z: Array) -> Array:
+        """theta_d (k,) [rad] at states ``z`` (n, k)."""
+        return z[3] - self._swing * z[1] if self.size == 4 else np.full(z.shape[1], self.law.theta_d)
+
+    @property
+    def size(self) -> int:
+        """How many states there are."""
+        return int(self.rate.size1_in(0))
+
+    @property
+    def _swing(self) -> float:
+        return swing(self.biped, self.law.adapt)
 
     @property
     def biped(self) -> Biped:
@@ -43,14 +73,18 @@ class ClosedLoop:
 
 
 @lru_cache(maxsize=16)
-def closed_loop(biped: Biped, kind: LawKind, theta_d: float = 0.0) -> ClosedLoop:
-    """Close the loop around ``biped`` with the law of this ``kind`` and desired angle ``theta_d`` [rad]; built once."""
-    body, control = plant(biped), law(kind, biped, theta_d)
-    z, F, K = ca.SX.sym("z", 3), ca.SX.sym("F", 2), ca.SX.sym("K", 3)
-    x, s = z[:2], z[2]
-    tau = control.torque(x, s, K)
+def closed_loop(biped: Biped, kind: LawKind, theta_d: float = 0.0, adapt: float = math.inf) -> ClosedLoop:
+    """Close the loop around ``biped`` with the law of this ``kind`` and desired angle ``theta_d`` [rad]; built once.
+
+    ``adapt`` [s]: the time within which theta_d follows the estimated posture; infinite if it does not.
+    """
+    body, control = plant(biped), law(kind, biped, theta_d, adapt)
+    n = 2 + control.memory_rate.size1_in(1)
+    z, F, K = ca.SX.sym("z", n), ca.SX.sym("F", 2), ca.SX.sym("K", 3)
+    x, memory = z[:2], z[2:]
+    tau = control.torque(x, memory, K)
     reaction = body.forces(x, tau, F)
-    derivative = ca.vertcat(body.dynamics(x, tau, F), control.memory_rate(reaction))
+    derivative = ca.vertcat(body.dynamics(x, tau, F), control.memory_rate(x, memory, reaction))
     rate = ca.Function("rate", [z, F, K], [derivative], ["z", "F", "K"], ["zdot"], {"cse": True})
     return ClosedLoop(
         plant=body,
@@ -63,7 +97,7 @@ def closed_loop(biped: Biped, kind: LawKind, theta_d: float = 0.0) -> ClosedLoop
 
 
 def _runge_kutta(rate: ca.Function) -> ca.Function:
-    z, u, K = ca.SX.sym("z", 3), ca.SX.sym("u", 7), ca.SX.sym("K", 3)
+    z, u, K = ca.SX.sym("z", rate.size1_in(0)), ca.SX.sym("u", 7), ca.SX.sym("K", 3)
     h, start, middle, end = u[0], u[1:3], u[3:5], u[5:7]
     k1 = rate(z, start, K)
     k2 = rate(z + h / 2 * k1, middle, K)

@@ -7,6 +7,16 @@ force
 cop
     ... + K_F s,  s' = P_d - P,  K_F = K_f (M + m) g / ell, (20)
 
+Law force may *adapt* (the highest loop of Fig. 5): theta_d then follows the estimated stationary posture within a
+time T_a, T_a theta_d' = estimate - theta_d. From (1) and (3) A L sin(theta - theta_f) = I theta'' - tau, with tau by
+(11), so that theta + (tau - I theta'')/(M g L) is the dynamic counterpart of (15), exact to first order where
+A = M g, as on every slope, and at rest under any force. theta'' is not differentiated for but integrated by parts:
+
+    theta_d = eta - I/(M g L T_a) omega,    T_a eta' = theta + ell (F_H - F_T)/(M g L) - theta_d
+
+At rest theta_d = theta_f, and the integral is 0. (16)-(17) put into (15) themselves give theta, at rest or not:
+theta_d would follow the body instead of the world, and the loop would be stable for long T_a only.
+
 ``Law`` is the law in continuous time, in CasADi, as the paper simulates it. A ``Controller`` is what can run on a
 robot: it is called once a period with what the sensors say. ``sampled`` makes one of a law; it keeps no clock and
 holds no state, so that a run can be repeated, resumed, and branched.
@@ -14,6 +24,7 @@ holds no state, so that a run can be repeated, resumed, and branched.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol, TypeVar
 
@@ -60,29 +71,60 @@ class Controller(Protocol[Memory]):
 class Law:
     """A law in continuous time.
 
-    ``torque``: (x (2), s, K (3)) -> tau [N m]. ``memory_rate``: (F_T_F_H (2)) -> s'. K = (K_p, K_d, K_f).
+    ``torque``: (x (2), memory, K (3)) -> tau [N m]. ``memory_rate``: (x, memory, F_T_F_H (2)) -> memory'. The memory is
+    s, or (s, eta) where the law adapts within ``adapt`` [s]. K = (K_p, K_d, K_f).
     """
 
     kind: LawKind
     theta_d: float
+    adapt: float
     torque: ca.Function
     memory_rate: ca.Function
 
 
-def law(kind: LawKind, biped: Biped, theta_d: float = 0.0) -> Law:
-    """The law of this ``kind`` for ``biped``, with desired angle ``theta_d`` [rad] and P_d = 0."""
-    x, s, K, forces = ca.SX.sym("x", 2), ca.SX.sym("s"), ca.SX.sym("K", 3), ca.SX.sym("F", 2)
+def law(kind: LawKind, biped: Biped, theta_d: float = 0.0, adapt: float = math.inf) -> Law:
+    """The law of this ``kind`` for ``biped``, with desired angle ``theta_d`` [rad] and P_d = 0.
+
+    With a finite ``adapt`` [s], for law force only, theta_d is the one at the start.
+    """
+    adapts = math.isfinite(adapt)
+    if adapts and kind != "force":
+        message = f"law {kind} does not adapt; law force does"
+        raise ValueError(message)
+    x, memory = ca.SX.sym("x", 2), ca.SX.sym("memory", 2 if adapts else 1)
+    K, forces = ca.SX.sym("K", 3), ca.SX.sym("F", 2)
+    aim = desired(biped, adapt, memory[1], x[1]) if adapts else theta_d
+    rate = _memory_rate(kind, biped, forces[0], forces[1])
+    if adapts:
+        rate = ca.vertcat(rate, _follow(biped, adapt, aim, x[0], forces[0], forces[1]))
     return Law(
         kind=kind,
         theta_d=theta_d,
+        adapt=adapt,
         torque=ca.Function(
-            "torque", [x, s, K], [_torque(kind, biped, theta_d, x[0], x[1], s, K)], ["x", "s", "K"], ["tau"]
+            "torque", [x, memory, K], [_torque(kind, biped, aim, x[0], x[1], memory[0], K)], ["x", "memory", "K"],
+            ["tau"],
         ),
-        memory_rate=ca.Function("memory_rate", [forces], [_memory_rate(kind, biped, forces[0], forces[1])]),
-    )
+        memory_rate=ca.Function("memory_rate", [x, memory, forces], [rate]),
+    )  # fmt: skip
 
 
-def _torque(kind: LawKind, biped: Biped, theta_d: float, theta: Any, omega: Any, s: Any, K: Any) -> Any:
+def swing(biped: Biped, adapt: float) -> float:
+    """How much theta_d gives way to the rate, I/(M g L T_a) [s], in a law that adapts within T_a = ``adapt`` [s]."""
+    return biped.I / (biped.M * biped.g * biped.L * adapt)
+
+
+def desired(biped: Biped, adapt: float, eta: Any, omega: Any) -> Any:
+    """theta_d of a law that adapts."""
+    return eta - swing(biped, adapt) * omega
+
+
+def _follow(biped: Biped, adapt: float, aim: Any, theta: Any, F_T: Any, F_H: Any) -> Any:
+    """How fast eta changes."""
+    return (theta + biped.ell * (F_H - F_T) / (biped.M * biped.g * biped.L) - aim) / adapt
+
+
+def _torque(kind: LawKind, biped: Biped, theta_d: Any, theta: Any, omega: Any, s: Any, K: Any) -> Any:
     posture = -K[1] * omega + K[0] * (theta_d - theta)
     if kind == "pd":
         return posture
@@ -118,3 +160,34 @@ class SampledLaw:
         theta, omega, F_T, F_H = measurement
         tau = _torque(self.kind, self.biped, self.theta_d, theta, omega, memory, self.gains)
         return tau, memory + self.period * _memory_rate(self.kind, self.biped, F_T, F_H)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdaptingLaw:
+    """Law force with a theta_d that follows the estimated posture within ``adapt`` [s], as a ``Controller``.
+
+    Its memory is (s, eta), eta None until the first measurement.
+    """
+
+    biped: Biped
+    gains: Gains
+    period: float
+    adapt: float
+    theta_d: float = 0.0
+
+    def start(self) -> tuple[float, float | None]:
+        """The memory at t = 0."""
+        return 0.0, None
+
+    def __call__(
+        self, t: float, measurement: Measurement, memory: tuple[float, float | None]
+    ) -> tuple[float, tuple[float, float | None]]:
+        """The torque [N m], and the memory after this period."""
+        theta, omega, F_T, F_H = measurement
+        s, eta = memory
+        if eta is None:
+            eta = self.theta_d + swing(self.biped, self.adapt) * omega
+        aim = desired(self.biped, self.adapt, eta, omega)
+        tau = _torque("force", self.biped, aim, theta, omega, s, self.gains)
+        s += self.period * _memory_rate("force", self.biped, F_T, F_H)
+        return tau, (s, eta + self.period * _follow(self.biped, self.adapt, aim, theta, F_T, F_H))

@@ -13,7 +13,8 @@ angle measurement (angle and rate)
 With the foot on the ground F_H - F_T = tau/ell (11), so that the law's own integral is an unstable filter inside the
 loop; a Nyquist count must know it, and these formulas do: the nominal loop is stable, and each margin is the smallest
 change that puts a root on the imaginary axis. Crossings are the positive real roots of polynomials in omega². For law
-(20) K_f stands for K_f (M + m) g/(F_T + F_H); law pd has K_f = 0, and a factor s cancels.
+(20) K_f stands for K_f (M + m) g/(F_T + F_H); law pd has K_f = 0, and a factor s cancels. Where law force adapts within
+T_a = 1/a, the angle is also read through a K_p (1 - I s²/(M g L))/(s + a), and the force through a K_p/(M g L)/(s + a).
 
 Sources: gain, phase and modulus margin as usual; disk margin in the form of S - T (Seiler, Packard and Gahinet, IEEE
 Control Systems 40, 2020): alpha = 1/max |(S - T)/2|; delay margin by direct frequency sweeping made finite (Walton and
@@ -30,7 +31,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from design.model.body import Biped
-from design.model.laws import Gains, LawKind
+from design.model.laws import Gains, LawKind, swing
 
 Array = NDArray[np.float64]
 
@@ -69,7 +70,7 @@ def effective_gain(biped: Biped, kind: LawKind, K_f: float, load: float) -> floa
     return K_f * biped.weight / load if kind == "cop" else K_f
 
 
-def breaks(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> dict[str, Break]:
+def breaks(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf) -> dict[str, Break]:
     """The loop broken at ``actuator``, ``force`` and ``angle``; ``force`` is missing for law pd."""
     rest = Polynomial([-A * biped.L, 0.0, biped.I])
     feedback = Polynomial([K.K_p, K.K_d])
@@ -77,6 +78,15 @@ def breaks(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> dict
         return {"actuator": Break(P=rest, Q=feedback), "angle": Break(P=rest, Q=feedback)}
     pull = effective_gain(biped, kind, K.K_f, load) / biped.ell
     s = Polynomial([0.0, 1.0])
+    if math.isfinite(adapt):
+        a, lever = 1.0 / adapt, biped.M * biped.g * biped.L
+        angle = s * (s + a) * feedback - a * K.K_p * s * Polynomial([1.0, 0.0, -biped.I / lever])
+        force = pull * (s + a) + (a * K.K_p / lever) * s
+        return {
+            "actuator": Break(P=s * (s + a) * rest, Q=(angle - force * rest).trim(1e-12 * abs(K.K_d))),
+            "force": Break(P=s * (s + a) * rest + angle, Q=-force * rest),
+            "angle": Break(P=(s * (s + a) - force) * rest, Q=angle),
+        }
     return {
         "actuator": Break(P=s * rest, Q=s * feedback - pull * rest),
         "force": Break(P=s * (rest + feedback), Q=-pull * rest),
@@ -84,9 +94,9 @@ def breaks(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> dict
     }
 
 
-def loop_margins(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> LoopMargins:
+def loop_margins(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf) -> LoopMargins:
     """All margins of a loop that is stable; raises ``ValueError`` for one that is not."""
-    at = breaks(biped, kind, K, A, load)
+    at = breaks(biped, kind, K, A, load, adapt)
     P, Q = at["actuator"].P, at["actuator"].Q
     if (P + Q).roots().real.max() >= 0:
         message = "the loop is not stable; it has no margins"
@@ -177,11 +187,22 @@ def _peak(above: Polynomial, below: Polynomial) -> tuple[float, float]:
     return math.sqrt(best[0]), best[1]
 
 
-def sampled_matrix(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, period: float) -> Array:
-    """The loop over one ``period`` [s] with the torque held: exact, for the states (theta, omega, s).
+def sampled_matrix(
+    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, period: float, adapt: float = math.inf
+) -> Array:
+    """The loop over one ``period`` [s] with the torque held: exact, for the states (theta, omega, s), and eta.
 
-    The law reads the states at the beginning of the period; its integral goes on by itself, as a force plate's does.
+    The law reads the states at the beginning of the period; its integrals go on by themselves, as a force plate's do.
     """
+    if math.isfinite(adapt):
+        import scipy.linalg
+
+        b, lever = swing(biped, adapt), biped.M * biped.g * biped.L
+        free = np.zeros((5, 5))  # the states, and the torque that is held
+        free[0, 1], free[1, 0], free[1, 4], free[2, 4] = 1.0, A * biped.L / biped.I, 1 / biped.I, 1 / biped.ell
+        free[3] = np.array([1.0, b, 0.0, -1.0, 1 / lever]) / adapt
+        through = scipy.linalg.expm(free * period)[:4]
+        return np.asarray(through[:, :4] + np.outer(through[:, 4], [-K.K_p, -K.K_d - K.K_p * b, K.K_f, K.K_p]))
     Omega = math.sqrt(max(A * biped.L / biped.I, 1e-12))
     c, sh = math.cosh(Omega * period), math.sinh(Omega * period)
     free = np.array([[c, sh / Omega], [Omega * sh, c]])
@@ -195,16 +216,16 @@ def sampled_matrix(biped: Biped, kind: LawKind, K: Gains, A: float, load: float,
     return np.asarray(open_loop + np.outer([*push, period / biped.ell], torque))
 
 
-def longest_period(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> float:
+def longest_period(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf) -> float:
     """The sampling period [s] at which the held loop first leaves the unit circle; stable at every shorter one.
 
     Sought upward in steps of one per cent, then by bisection; raises ``ValueError`` if the loop is unstable.
     """
 
     def radius(period: float) -> float:
-        return float(np.abs(np.linalg.eigvals(sampled_matrix(biped, kind, K, A, load, period))).max())
+        return float(np.abs(np.linalg.eigvals(sampled_matrix(biped, kind, K, A, load, period, adapt))).max())
 
-    broken = breaks(biped, kind, K, A, load)["actuator"]
+    broken = breaks(biped, kind, K, A, load, adapt)["actuator"]
     fastest = float(np.abs((broken.P + broken.Q).roots()).max())
     low = 1e-3 / fastest
     if radius(low) >= 1:

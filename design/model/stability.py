@@ -5,6 +5,13 @@ lambda^3 + p_2 lambda^2 + p_1 lambda + p_0 (24)-(25). Law (20) divides by the me
 (M + m) g / (F_T + F_H) times as strongly. Law pd has lambda^2 + (K_d/I) lambda + (K_p - A L)/I, taken at its
 stiffest demand, theta = theta_f.
 
+Where law force adapts within T_a (``design.model.laws``) theta_d - theta_f is a fourth state, and with a = 1/T_a and
+kappa = 1 - A/(M g), what its estimate is wrong by where A is not M g,
+
+    (lambda + a)(lambda^3 + p_2 lambda^2 + p_1 lambda + p_0) - a kappa (K_p/I) lambda
+
+so that on a slope, where A = M g, a pole -a is added and no other is moved: any T_a is stable.
+
 Every pole has a real part of at most -sigma if and only if the polynomial in mu = lambda + sigma has no root in the
 open right half-plane. For law (8) the tests on its coefficients are affine in A, so that over a range of A its two
 ends decide; the same holds for pd.
@@ -12,30 +19,38 @@ ends decide; the same holds for pd.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from design.model.body import Biped
-from design.model.laws import Gains, LawKind
+from design.model.laws import Gains, LawKind, swing
 
 Array = NDArray[np.float64]
 
 
-def characteristic(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) -> tuple[Any, ...]:
+def characteristic(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any, adapt: float = math.inf) -> tuple[Any, ...]:
     """Coefficients after the leading 1, highest power first: (p_2, p_1, p_0), or (p_1, p_0) for law pd; (25).
 
     ``K`` = (K_p, K_d, K_f), ``A`` [N] (3), ``load`` = F_T + F_H at rest [N]: floats, fractions or CasADi expressions.
+    Four coefficients where the law adapts within ``adapt`` [s].
     """
     K_p, K_d, K_f = K[0], K[1], K[2]
     if kind == "pd":
         return K_d / biped.I, (K_p - A * biped.L) / biped.I
     if kind == "cop":
         K_f = K_f * (biped.weight / load)
-    return K_d / biped.I - K_f / biped.ell, (K_p - A * biped.L) / biped.I, K_f * (A * biped.L / (biped.I * biped.ell))
+    p = K_d / biped.I - K_f / biped.ell, (K_p - A * biped.L) / biped.I, K_f * (A * biped.L / (biped.I * biped.ell))
+    if not math.isfinite(adapt):
+        return p
+    a = 1.0 / adapt
+    kappa = 1.0 - A / (biped.M * biped.g)
+    return p[0] + a, p[1] + a * p[0], p[2] + a * (p[1] - kappa * K_p / biped.I), a * p[2]
 
 
 def shifted(p: Sequence[Any], sigma: Any) -> tuple[Any, ...]:
@@ -43,13 +58,23 @@ def shifted(p: Sequence[Any], sigma: Any) -> tuple[Any, ...]:
     if len(p) == 2:
         p_1, p_0 = p
         return p_1 - 2 * sigma, p_0 - p_1 * sigma + sigma**2
+    if len(p) == 4:
+        p_3, p_2, p_1, p_0 = p
+        return (
+            p_3 - 4 * sigma,
+            p_2 - 3 * p_3 * sigma + 6 * sigma**2,
+            p_1 - 2 * p_2 * sigma + 3 * p_3 * sigma**2 - 4 * sigma**3,
+            p_0 - p_1 * sigma + p_2 * sigma**2 - p_3 * sigma**3 + sigma**4,
+        )
     p_2, p_1, p_0 = p
     return p_2 - 3 * sigma, p_1 - 2 * p_2 * sigma + 3 * sigma**2, p_0 - p_1 * sigma + p_2 * sigma**2 - sigma**3
 
 
 def is_hurwitz(p: Sequence[Any]) -> bool:
-    """Whether all roots of the monic polynomial of degree 2 or 3 have negative real parts, (26)."""
+    """Whether all roots of the monic polynomial of degree 2, 3 or 4 have negative real parts, (26)."""
     positive = all(c > 0 for c in p)
+    if len(p) == 4:
+        return bool(positive and p[2] * (p[0] * p[1] - p[2]) > p[0] ** 2 * p[3])
     return bool(positive and (len(p) == 2 or p[0] * p[1] > p[2]))
 
 
@@ -78,12 +103,48 @@ def decay_rate(p: Sequence[float]) -> float:
     return low
 
 
-def closed_loop_matrix(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> Array:
-    """(23) for the states (theta, omega, s) about the stationary posture; (2, 2) without s for law pd."""
+def shortest_adaptation(biped: Biped, K: Gains, A: float, adapt: float) -> float:
+    """The T_a [s] down to which every one from ``adapt`` on, or from infinity if that is unstable, is stable.
+
+    0 if all are; raises ``ValueError`` if the loop is unstable without adaptation.
+    """
+    p_2, p_1, p_0 = characteristic(biped, "force", K, A, biped.weight)
+    if not is_hurwitz((p_2, p_1, p_0)):
+        message = "the loop is not stable"
+        raise ValueError(message)
+    a = Polynomial([0.0, 1.0])
+    q_3, q_2, q_1, q_0 = (
+        p_2 + a,
+        p_1 + p_2 * a,
+        p_0 + (p_1 - (1 - A / (biped.M * biped.g)) * K.K_p / biped.I) * a,
+        p_0 * a,
+    )
+    changes = [q_1 * (q_3 * q_2 - q_1) - q_3**2 * q_0, q_1, q_2]
+    rates = sorted(
+        float(root.real)
+        for each in changes
+        for root in each.trim(1e-12 * float(np.abs(each.coef).max())).roots()
+        if root.real > 0 and abs(root.imag) <= 1e-9 * abs(root)
+    )
+    from_ = 1.0 / adapt if is_hurwitz(characteristic(biped, "force", K, A, biped.weight, adapt)) else 0.0
+    return next((1.0 / rate for rate in rates if rate > from_ * (1 + 1e-12)), 0.0)
+
+
+def closed_loop_matrix(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf) -> Array:
+    """(23) for the states (theta, omega, s) about the stationary posture; (2, 2) without s for law pd.
+
+    (4, 4) with eta last where the law adapts within ``adapt`` [s].
+    """
     I, ell = biped.I, biped.ell
     K_p, K_d, K_f = K
     if kind == "pd":
         return np.array([[0.0, 1.0], [(A * biped.L - K_p) / I, -K_d / I]])
+    if math.isfinite(adapt):
+        b, a, lever = swing(biped, adapt), 1.0 / adapt, biped.M * biped.g * biped.L
+        torque = np.array([-K_p, -K_d - K_p * b, K_f, K_p])
+        follow = a * (torque / lever + np.array([1.0, b, 0.0, -1.0]))
+        fall = np.array([A * biped.L / I, 0.0, 0.0, 0.0])
+        return np.array([[0.0, 1.0, 0.0, 0.0], torque / I + fall, torque / ell, follow])
     if kind == "cop":  # s' = -P = tau / load, tau = ... + K_F s
         K_F = K_f * biped.weight / ell
         torque, gather = np.array([-K_p, -K_d, K_F]), 1.0 / load
@@ -97,11 +158,14 @@ def bearing(load: Array) -> Array:
     return np.asarray(np.maximum(load, 1e-6 * np.abs(load).max()))
 
 
-def deciding_points(kind: LawKind, A: Array, load: Array) -> tuple[Array, Array]:
+def deciding_points(kind: LawKind, A: Array, load: Array, adapt: float = math.inf) -> tuple[Array, Array]:
     """Of the environments (A, load), those that decide linear stability over all of them.
 
-    For law (8) and pd the two ends of the range of A; for law (20) all that differ.
+    For law (8) and pd the two ends of the range of A; for law (20), and where the law adapts, all that differ.
     """
+    if math.isfinite(adapt):
+        sizes: Array = np.unique(np.round(A, 9))
+        return sizes, np.full(len(sizes), float(load[0]))
     if kind != "cop":
         ends: Array = np.unique(np.array([A.min(), A.max()], dtype=np.float64))
         return ends, np.full(len(ends), float(load[0]))

@@ -131,6 +131,19 @@ class LawTable(Table):
     kd: Gain | None = Field(default=None, description="gain K_d on the rate [N m s/rad]")
     kf: Gain | None = Field(default=None, description="gain K_f on the force integral [m/s]")
     desired_angle_deg: Number = Field(default=0.0, ge=-90, le=90, description="θ_d of (8) [deg]")
+    adapt_s: Number | None = Field(
+        default=None,
+        ge=1e-3,
+        le=3600,
+        description="law force: θ_d follows the posture that the estimated force asks for, within this time [s]",
+    )
+
+    @model_validator(mode="after")
+    def _adapts(self) -> LawTable:
+        if self.adapt_s is not None and self.kind != "force":
+            message = f'adapt_s = {self.adapt_s:g} goes with kind = "force", not {self.kind!r}; leave one of them out'
+            raise ValueError(message)
+        return self
 
 
 class RequirementsTable(Table):

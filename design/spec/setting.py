@@ -9,6 +9,7 @@ import numpy as np
 
 from design.errors import BadInput
 from design.model.body import Biped
+from design.model.closed_loop import ClosedLoop, closed_loop
 from design.model.environment import Scenario, constant_force, platform, profile, slope
 from design.model.laws import Gains, LawKind
 from design.model.limits import Required
@@ -32,7 +33,8 @@ class Setting:
     """What a spec says, ready to compute with.
 
     ``required`` maps a row's id (and ``contact-force`` for toe and heel) to its level in the row's unit. ``bounds``
-    (3, 2): lower and upper (K_p, K_d, K_f), or None. ``step`` is the Runge-Kutta step [s].
+    (3, 2): lower and upper (K_p, K_d, K_f), or None. ``step`` is the Runge-Kutta step [s]. ``adapt``: the time [s]
+    within which theta_d follows the estimated posture, infinite where it is fixed.
     """
 
     name: str
@@ -40,6 +42,7 @@ class Setting:
     scenarios: tuple[Scenario, ...]
     law: LawKind
     theta_d: float
+    adapt: float
     gains: Gains | None
     required: dict[str, Required]
     maximise: Objective
@@ -51,6 +54,10 @@ class Setting:
     tolerances: Tolerances
     study: StudyTable
     written: tuple[float | None, float | None, float | None] = (None, None, None)
+
+    def loop(self) -> ClosedLoop:
+        """The closed loop with the gains left open."""
+        return closed_loop(self.biped, self.law, self.theta_d, self.adapt)
 
     def scenario(self, name: str) -> Scenario:
         """The scenario of that name; raises ``BadInput`` with the names there are."""
@@ -69,13 +76,13 @@ class Setting:
         return self.gains
 
     def with_law(self, kind: LawKind | None = None, gains: Gains | None = None) -> Setting:
-        """The same setting under another law or other gains; under pd K_f is 0."""
+        """The same setting under another law or other gains; under pd K_f is 0; only law force adapts."""
         kind = kind or self.law
         if gains is None:
             gains = self.gains if kind == self.law else _usable(self.written, kind)
         elif kind == "pd":
             gains = Gains(gains.K_p, gains.K_d, 0.0)
-        return replace(self, law=kind, gains=gains)
+        return replace(self, law=kind, gains=gains, adapt=self.adapt if kind == "force" else math.inf)
 
 
 def parse_gains(text: str, kind: LawKind) -> Gains:
@@ -110,6 +117,7 @@ def setting(spec: Spec) -> Setting:
         scenarios=tuple(_scenario(biped, table) for table in spec.scenarios),
         law=spec.law.kind,
         theta_d=math.radians(spec.law.desired_angle_deg),
+        adapt=math.inf if spec.law.adapt_s is None else spec.law.adapt_s,
         gains=_usable(written, spec.law.kind),
         written=written,
         required=_required(spec.requirements),

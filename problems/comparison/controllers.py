@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from design.analysis.observer import Observer, observer
 from design.model.actuator import Actuator
 from design.model.environment import Scenario
-from design.model.laws import Controller, Gains, LawKind, SampledLaw
+from design.model.laws import AdaptingLaw, Controller, Gains, LawKind, SampledLaw
 from design.model.limits import Required
 from design.spec.setting import Setting
 from problems.mpc_linear import LinearPlanner
@@ -48,6 +48,10 @@ def controller(name: str, setting: Setting, gains: Gains | None, scenario: Scena
             message = f"{name} has no gains"
             raise ValueError(message)
         kind = LAWS.get(name) or SYNTHESIZED[name]
+        if kind == "force" and np.isfinite(setting.adapt):
+            return AdaptingLaw(
+                biped=setting.biped, gains=gains, period=ankle.period, adapt=setting.adapt, theta_d=setting.theta_d
+            )
         return SampledLaw(
             kind=kind, biped=setting.biped, gains=gains, period=ankle.period, theta_d=setting.theta_d
         )  # fmt: skip

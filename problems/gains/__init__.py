@@ -15,8 +15,9 @@
 are closed, as constraints of a program are: q_2 = q_0 = 0 with q_1 < 0 passes them, with a pole on the right,
 and an optimiser finds that corner. Nor is there a constraint qualification at a triple pole, where the best decay rate
 often lies. Therefore the polynomial is factored: (mu + a)(mu² + b mu + c) with a, b, c >= 0 as variables of the program
-is every cubic without roots in the open right half-plane, and nothing else. The coefficients are affine in A, so that
-the two ends of its range suffice (law (20): every environment on the way).
+is every cubic without roots in the open right half-plane, and nothing else (two quadratics, where the law adapts). The
+coefficients are affine in A, so that the two ends of its range suffice (law (20), and where the law adapts: every
+environment on the way).
 
 *The samples.* The trajectory is a function of K alone (single shooting with exact sensitivities, ``design.analysis.
 motion``). Of the samples, which are many thousands, a program sees few; those that its answer violates, or that lie

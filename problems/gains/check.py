@@ -77,7 +77,9 @@ def _doubt(question: Question, goal: Goal, gains: Gains, verdict: Verdict) -> st
     """What a second integrator and eigenvalues say against the rows, or an empty string."""
     setting = question.setting
     for scenario in setting.scenarios:
-        opinion = second_opinion(setting.biped, setting.law, setting.theta_d, gains, scenario, setting.step)
+        opinion = second_opinion(
+            setting.biped, setting.law, setting.theta_d, gains, scenario, setting.step, setting.adapt
+        )
         if not opinion.finished:
             return f"In scenario {scenario.name!r} the second integrator does not reach the end."
         rows = {row.id: row for row in verdict.rows if row.scenario == scenario.name}

@@ -46,11 +46,17 @@ class Read:
         rate = _sigma(question, self.goal, point.v)
         factors: list[float] = []
         for A, load in question.environments:
-            p = characteristic(question.setting.biped, question.setting.law, point.gains, A, load)
+            p = characteristic(
+                question.setting.biped, question.setting.law, point.gains, A, load, question.setting.adapt
+            )
             roots = np.roots([1.0, *shifted([float(c) for c in p], rate)]) / question.pace
             roots = np.minimum(roots.real, -1e-3) + 1j * roots.imag
             if len(p) == 2:
                 factors += [-float(roots.sum().real), float(roots.prod().real)]
+            elif len(p) == 4:
+                ordered = roots[np.argsort(-np.abs(roots.imag))]  # complex pairs stay together
+                for pair in (ordered[:2], ordered[2:]):
+                    factors += [-float(pair.sum().real), float(pair.prod().real)]
             else:
                 real = int(np.argmin(np.abs(roots.imag)))
                 rest = np.delete(roots, real)
@@ -98,12 +104,15 @@ def pose(grid: Grid, goal: Goal, instants: Instants, shift: Array | None = None)
 
     factors = []
     for A, load in question.environments:
-        p = characteristic(setting.biped, setting.law, ca.vertsplit(K), A, load)
+        p = characteristic(setting.biped, setting.law, ca.vertsplit(K), A, load, setting.adapt)
         q = shifted(p, _sigma(question, goal, v))
-        a, b, c = (ca.MX.sym(name) for name in "abc")
+        a, b, c, d = (ca.MX.sym(name) for name in "abcd")
         if len(q) == 2:
             factors += [b, c]
             product: tuple[Any, ...] = (b, c)
+        elif len(q) == 4:
+            factors += [a, b, c, d]
+            product = (a + c, b + d + a * c, a * d + b * c, b * d)  # (mu² + a mu + b)(mu² + c mu + d)
         else:
             factors += [a, b, c]
             product = (a + b, a * b + c, a * c)

@@ -17,7 +17,7 @@ from design.analysis.motion import Motion
 from design.analysis.rows import Verdict
 from design.analysis.simulate import FALLEN, all_quantities
 from design.errors import BadInput
-from design.model.closed_loop import ClosedLoop, closed_loop
+from design.model.closed_loop import ClosedLoop
 from design.model.environment import Steps
 from design.model.laws import Gains
 from design.model.limits import Limit, Required, limits
@@ -44,7 +44,7 @@ class Question:
             )
             raise BadInput(message, key="synthesis.bounds")
         self.setting = setting
-        self.loop: ClosedLoop = closed_loop(setting.biped, setting.law, setting.theta_d)
+        self.loop: ClosedLoop = setting.loop()
         self.limits: list[Limit] = limits(self.loop.plant, setting.required)
         bounds = setting.bounds.copy()
         if setting.law == "pd":
@@ -60,7 +60,9 @@ class Question:
             np.concatenate(part)
             for part in zip(*(scenario.operating_points(biped) for scenario in setting.scenarios), strict=True)
         )
-        self.environments: list[tuple[float, float]] = list(zip(*deciding_points(setting.law, A, load), strict=True))
+        self.environments: list[tuple[float, float]] = list(
+            zip(*deciding_points(setting.law, A, load, setting.adapt), strict=True)
+        )
         self.pace: float = float(np.sqrt(max(self.upper[0], 1e-9) / biped.I))
         """A typical frequency of the loop [1/s], the scale of decay rates."""
 
@@ -197,7 +199,7 @@ def question_decay(question: Question, K: Array) -> float:
     """The decay rate over all environments, from plain eigenvalues: quick, for the survey."""
     rates = []
     for A, load in question.environments:
-        p = characteristic(question.setting.biped, question.setting.law, K, A, load)
+        p = characteristic(question.setting.biped, question.setting.law, K, A, load, question.setting.adapt)
         rates.append(-float(np.roots([1.0, *p]).real.max()))
     return min(rates)
 

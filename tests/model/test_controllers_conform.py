@@ -105,7 +105,7 @@ def test_the_sampled_law_is_the_continuous_one_read_once_a_period(kind, seen, me
     continuous = law(kind, PAPER, THETA_D)
     tau, following = controller(kind, period=1.0)(0.0, seen, memory)
     assert tau == pytest.approx(float(continuous.torque([seen.theta, seen.omega], memory, GAINS)), rel=1e-13)
-    gathered = float(continuous.memory_rate([seen.F_T, seen.F_H]))
+    gathered = float(continuous.memory_rate([seen.theta, seen.omega], memory, [seen.F_T, seen.F_H]))
     assert following - memory == pytest.approx(gathered, rel=1e-9, abs=1e-9)
 
 

@@ -10,7 +10,8 @@ w = K_f s,
 
 ((23) with w for s; for law cop g is (M + m) g/(F_T + F_H) times as large, for pd 0.) The start (e, 0, 0) is not the
 stationary state, which is why (1, 0, K_p) and not (1, 0, 0) is carried on. Trials contract if and only if
-|rho(T)| < 1. rho(0) = 1 and rho''(0) = A L/I > 0: too short a trial carries away from the posture. For pd rho tends to
+|rho(T)| < 1. A law that adapts has a fourth state, and ends without an integral: there (1, 0, 0, 1) is carried on, by
+(23). rho(0) = 1 and rho''(0) = A L/I > 0: too short a trial carries away from the posture. For pd rho tends to
 K_p/(K_p - A L) > 1: pd control never contracts.
 """
 
@@ -28,17 +29,16 @@ from scipy.linalg import expm
 from design.analysis.simulate import simulate
 from design.analysis.survival import slope_limit
 from design.model.body import Biped
-from design.model.closed_loop import closed_loop
 from design.model.environment import Scenario, constant_force
 from design.model.laws import Gains, LawKind
-from design.model.stability import bearing
+from design.model.stability import bearing, closed_loop_matrix
 from design.spec.setting import Setting
 
 Array = NDArray[np.float64]
 
 LEVELS = (1.0, 0.1)
 SAMPLES = 32
-"""Bodies and worlds drawn from within the box of [uncertainty], besides its corners; a power of two."""
+"""Bodies and worlds within the box of [uncertainty], besides its corners (additive recurrence, Roberts 2018)."""
 CHECKED = 6
 """Points of the box at which the iteration is simulated."""
 FINEST = 20_000
@@ -95,8 +95,15 @@ class Contraction:
         return self.factor < 1 and self.check.ratio < 1
 
 
-def iteration(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> tuple[Array, Array]:
-    """B (3, 3) and the start (1, 0, K_p) of an error of 1 in the states (theta, omega, K_f s)."""
+def iteration(
+    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf
+) -> tuple[Array, Array]:
+    """B (3, 3) and the start (1, 0, K_p) of an error of 1 in the states (theta, omega, K_f s).
+
+    Of a law that adapts within ``adapt`` [s], (23) itself and (1, 0, 0, 1) in the states (theta, omega, s, eta).
+    """
+    if math.isfinite(adapt):
+        return closed_loop_matrix(biped, kind, K, A, load, adapt), np.array([1.0, 0.0, 0.0, 1.0])
     if kind == "pd":
         gather = 0.0
     elif kind == "cop":  # s' = tau/load, and the gain of s is K_f (M + m) g/ell (20)
@@ -111,9 +118,9 @@ def iteration(biped: Biped, kind: LawKind, K: Gains, A: float, load: float) -> t
     return np.array(B), np.array([1.0, 0.0, K.K_p])
 
 
-def factor(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, T: float) -> float:
+def factor(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, T: float, adapt: float = math.inf) -> float:
     """rho(T): the part of a small error in the start that a trial of ``T`` [s] leaves."""
-    B, start = iteration(biped, kind, K, A, load)
+    B, start = iteration(biped, kind, K, A, load, adapt)
     return float((expm(B * T) @ start)[0])
 
 
@@ -121,9 +128,9 @@ def contraction(setting: Setting, gains: Gains, scenarios: Sequence[Scenario]) -
     """The largest rho over all environments of ``scenarios`` and all of the spec's [uncertainty]: corners and more."""
     points, corners, samples = box(setting, gains, scenarios)
     kind = setting.law
-    B, start = _stacked(points, kind)
+    B, start = _stacked(points, kind, setting.adapt)
     T = np.array([point.duration for point in points])
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # what grows without bound counts as infinite
         found = np.abs((expm(B * T[:, None, None]) @ start[:, :, None])[:, 0, 0])
     found = np.where(np.isfinite(found), found, np.inf)
     worst = int(np.argmax(found))
@@ -150,10 +157,10 @@ def box(setting: Setting, gains: Gains, scenarios: Sequence[Scenario]) -> tuple[
     spread = [k for k, name in enumerate(names) if getattr(tolerances, name) != type(tolerances.M)()]
     shares: list[tuple[str, Array]] = [("nominal", np.zeros(7))]
     if spread:
-        from scipy.stats.qmc import Sobol
-
         corners = [np.array(signs) for signs in product((-1.0, 1.0), repeat=len(spread))]
-        drawn = 2.0 * Sobol(len(spread), scramble=False).random(SAMPLES) - 1.0
+        golden = float(np.roots([1.0, *[0.0] * (len(spread) - 1), -1.0, -1.0]).real.max())  # x^(n+1) = x + 1
+        steps = golden ** -np.arange(1.0, len(spread) + 1)
+        drawn = 2.0 * np.mod(0.5 + np.outer(np.arange(1, SAMPLES + 1), steps), 1.0) - 1.0
         for where, every in (("corner", corners), ("inside", drawn)):
             for part in every:
                 one = np.zeros(7)
@@ -191,7 +198,7 @@ def stays_below(B: Array, start: Array, level: float) -> float | None:
     the modes' sizes is below the level; then bisected.
     """
     modes, vectors = np.linalg.eig(B)
-    if not (modes.real < 0).all():
+    if not (modes.real < -1e-12 * np.abs(modes)).all() or not (modes != 0).all():
         return None
     try:
         sizes = np.abs(vectors[:, 0, :] * np.linalg.solve(vectors, start[:, :, None].astype(complex))[:, :, 0])
@@ -218,8 +225,8 @@ def stays_below(B: Array, start: Array, level: float) -> float | None:
     return high
 
 
-def _stacked(points: Sequence[Point], kind: LawKind) -> tuple[Array, Array]:
-    both = [iteration(point.biped, kind, point.gains, point.A, point.load) for point in points]
+def _stacked(points: Sequence[Point], kind: LawKind, adapt: float) -> tuple[Array, Array]:
+    both = [iteration(point.biped, kind, point.gains, point.A, point.load, adapt) for point in points]
     return np.array([B for B, _ in both]), np.array([start for _, start in both])
 
 
@@ -239,14 +246,15 @@ def _checked(setting: Setting, points: Sequence[Point], found: Array, brief: flo
         e = size if number % 2 == 0 else -size
         plans = [(point.duration, 1)] + ([(min(brief, point.duration), 3)] if brief is not None else [])
         for T, times in plans:
-            rho = factor(point.biped, setting.law, point.gains, point.A, point.load, T)
-            for measured in ratios(point, setting.law, setting.step, e, T, times):
+            with np.errstate(all="ignore"):
+                rho = factor(point.biped, setting.law, point.gains, point.A, point.load, T, setting.adapt)
+            for measured in ratios(setting, point, e, T, times):
                 runs += 1
                 ratio, off = max(ratio, abs(measured)), max(off, abs(measured - rho))
     return Check(points=len(chosen), runs=runs, start=start, ratio=ratio, off=off)
 
 
-def ratios(point: Point, kind: LawKind, step: float, e: float, T: float, times: int) -> list[float]:
+def ratios(setting: Setting, point: Point, e: float, T: float, times: int) -> list[float]:
     """e_next/e of ``times`` simulated trials of ``T`` [s] in a row in the environment of ``point``."""
     biped = point.biped
     F_y = biped.weight - point.load
@@ -257,7 +265,8 @@ def ratios(point: Point, kind: LawKind, step: float, e: float, T: float, times: 
     found = []
     for _ in range(times):
         theta_d = theta_f + e
-        run = simulate(closed_loop(biped, kind, theta_d), replace(world, theta0=theta_d), point.gains, step)
+        loop = replace(setting, biped=biped, theta_d=theta_d).loop()
+        run = simulate(loop, replace(world, theta0=theta_d), point.gains, setting.step)
         e_next = math.inf if run.fallen is not None else float(run.theta[-1]) - theta_f
         found.append(e_next / e)
         e = e_next

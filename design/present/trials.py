@@ -3,12 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from design.analysis.simulate import Trajectory
+from design.model.laws import Gains
+from design.present import plots, store
 from design.present.text import Paint, gains_line, number, short, table, wrapped
+from design.spec.load import Source
 
 Facts = Mapping[str, Any]
+Runs = Sequence[tuple[Trajectory, Trajectory | None]]
+
+
+def check(plot: str | None, output: str | None) -> None:
+    """Raise ``BadInput`` where a file cannot be written, before anything is computed."""
+    if plot:
+        plots.format_of(plot)
+    store.check_writable(plot, output)
+
+
+def render(
+    source: Source, facts: Facts, pictures: Sequence[tuple[float, Runs]], form: str, plot: str | None, paint: Paint
+) -> str:
+    """The trials in a ``form``, text or json; drawn to the file ``plot``. ``pictures`` as for the figure."""
+    document = store.document("trials", source, **facts)
+    if plot:
+        from design.present.trials_plots import trials_figure
+
+        title = f"{source.spec.name}, law {facts['law']}, {_gains(facts)}"
+        store.write(plot, plots.figure_bytes(trials_figure(facts, pictures, title), plots.format_of(plot)))
+    return store.dumps(document) if form == "json" else as_text(document, paint)
+
 
 HEADER = ("#", "scenario", "start", "angle", "contact", "at", "settle", "moves", "F_x", "F_y", "error")
 SPEC = "as the spec says"
@@ -21,19 +47,20 @@ LEGEND = (
 
 def as_text(document: Facts, paint: Paint) -> str:
     """The trials in at most 80 columns."""
-    from design.model.laws import Gains
-
-    its = document["gains"]
-    gains = gains_line(Gains(its["kp"], its["kd"], its["kf"]), document["law"])
     trials = document["trials"]
     whole = table(HEADER, [_cells(trial) for trial in trials], right=(0, 3, 4, 6, 7, 8, 9, 10))
-    lines = [*wrapped(f"{document['spec']['name']}, law {document['law']}, {gains}"), "", whole[0]]
+    lines = [*wrapped(f"{document['spec']['name']}, law {document['law']}, {_gains(document)}"), "", whole[0]]
     for line, trial in zip(whole[1:], trials, strict=True):
         lines.append(paint(line, "bad") if trial["lost_contact"] or trial["fallen_s"] is not None else line)
     lines += ["", *wrapped(LEGEND), *wrapped(f"The estimate is taken from {document['estimate_from']}."), ""]
     for sentence, style in findings(document):
         lines += [paint(line, style) if style else line for line in wrapped(sentence)]
     return "\n".join(lines) + "\n"
+
+
+def _gains(document: Facts) -> str:
+    its = document["gains"]
+    return gains_line(Gains(its["kp"], its["kd"], its["kf"]), document["law"])
 
 
 def _cells(trial: Facts) -> list[str]:

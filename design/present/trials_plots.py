@@ -25,23 +25,24 @@ LEAST_ERROR = 1e-12
 
 
 def trials_figure(
-    document: Mapping[str, Any], runs: Sequence[Sequence[Trajectory]], pulls: Sequence[float], title: str
+    document: Mapping[str, Any],
+    pictures: Sequence[tuple[float, Sequence[tuple[Trajectory, Trajectory | None]]]],
+    title: str,
 ) -> Figure:
     """Two rows a series, angle and contact forces over time; then contact force, settling and error by trial.
 
-    ``runs`` of each series; ``pulls``: M g [N] of each series' body.
+    ``pictures`` of each series: M g [N], and its runs, each with the one from an estimate that was not used, or None.
     """
-    shown = [_shown(len(series)) for series in runs]
-    columns, rows = max(3, *map(len, shown)), 2 * len(runs) + 1
+    shown = [_shown(len(runs)) for _, runs in pictures]
+    columns, rows = max(3, *map(len, shown)), 2 * len(pictures) + 1
     width, height = 3.3 * columns, 2.5 * rows + 0.3
     figure, grid = canvas(width, height, rows, columns)
     figure.subplots_adjust(hspace=0.42, top=1 - 0.75 / height)
     figure.suptitle(title, fontsize=10, y=1 - 0.08 / height)
-    for place, (series, numbers) in enumerate(zip(runs, shown, strict=True)):
+    for place, ((pull, runs), numbers) in enumerate(zip(pictures, shown, strict=True)):
         facts = [trial for trial in document["trials"] if trial["series"] == place + 1]
-        _series(
-            grid[2 * place : 2 * place + 2], [series[k] for k in numbers], [facts[k] for k in numbers], pulls[place]
-        )
+        two = grid[2 * place : 2 * place + 2]
+        _series(two, [runs[k] for k in numbers], [facts[k] for k in numbers], pull)
     _progress(grid[-1], document)
     inside = grid[0][0].get_position()
     for ax in grid.flat:
@@ -54,11 +55,19 @@ def _shown(count: int) -> list[int]:
     return list(range(count)) if count <= MOST else [*range(MOST - 1), count - 1]
 
 
-def _series(axes: Any, runs: Sequence[Trajectory], facts: Sequence[Mapping[str, Any]], pull: float) -> None:
+def _series(
+    axes: Any,
+    runs: Sequence[tuple[Trajectory, Trajectory | None]],
+    facts: Sequence[Mapping[str, Any]],
+    pull: float,
+) -> None:
     """The trials of a series side by side, on the same scales."""
-    for column, (run, trial) in enumerate(zip(runs, facts, strict=True)):
+    for column, ((run, refused), trial) in enumerate(zip(runs, facts, strict=True)):
         angle, force = axes[0][column], axes[1][column]
         _angle(angle, run, pull)
+        if refused is not None:
+            label = "θ from the estimate, not used"
+            angle.plot(refused.t, np.degrees(refused.theta), color=GREY, linestyle=":", linewidth=1.6, label=label)
         _force(force, run)
         begun = "as the spec says" if trial["start"] == "as the spec says" else "from the estimate"
         heading(angle, f"{trial['scenario']}, trial {trial['trial']}, {begun}")
@@ -75,8 +84,9 @@ def _series(axes: Any, runs: Sequence[Trajectory], facts: Sequence[Mapping[str, 
             ax.set_axis_off()
     axes[0][0].set_ylabel("ankle angle [deg]")
     axes[1][0].set_ylabel("contact force [N]")
-    for ax in axes[:, 0]:
-        ax.legend(fontsize=8, frameon=False, loc="best")
+    for ax in axes.flat:
+        if ax.get_subplotspec().is_first_col() or (len(ax.lines) > 2 and ax in axes[0]):
+            ax.legend(fontsize=8, frameon=False, loc="best")
 
 
 def _angle(ax: Axes, run: Trajectory, pull: float) -> None:
@@ -131,13 +141,12 @@ def _progress(axes: Sequence[Axes], document: Mapping[str, Any]) -> None:
     error.set_yscale("log")
     small, large = error.get_ylim()
     error.set_ylim(10 ** math.floor(math.log10(small)), 10 ** math.ceil(math.log10(large)))
-    for ax, label in ((contact, "contact force [N]"), (settling, "settling [s]"), (error, "error of F [N]")):
-        ax.set_ylabel(label)
+    titles = "smallest contact force [N]", "settling [s]", "error of the estimated force [N]"
+    for ax, title in zip((contact, settling, error), titles, strict=True):
+        heading(ax, title)
         ax.set_xlabel("trial")
         ax.set_xticks(range(1, longest + 1, math.ceil(longest / 10)))
         plain(ax)
-    for ax, words in ((contact, "smallest contact force"), (settling, "settling"), (error, "error of the estimate")):
-        heading(ax, words)
     for ax in axes[3:]:
         ax.set_axis_off()
     if len(document["series"]) > 1:

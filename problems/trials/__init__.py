@@ -1,6 +1,5 @@
 """The next trial: how much better it stands for what the last one read off, and where that is a wrong start."""
 
-from problems.trials.facts import facts
-from problems.trials.series import Series, Trial, run
+from problems.trials.facts import Found, conduct
 
-__all__ = ["Series", "Trial", "facts", "run"]
+__all__ = ["Found", "conduct"]

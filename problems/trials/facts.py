@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,46 @@ from design.analysis.transient import BAND
 from design.model.laws import Gains
 from design.present.store import gains_json
 from design.spec.setting import Setting
-from problems.trials.series import Series, Trial
+from problems.trials.series import Series, Trial, looped, plans, run
 from problems.trials.start import Start
 from problems.trials.survives import change
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Found:
+    """The ``facts``, and what pictures are drawn of: of each series M g [N] and its ``runs``.
+
+    Each run comes with the one from an estimate that was not used, or None.
+    """
+
+    facts: dict[str, Any]
+    pictures: list[tuple[float, list[tuple[Trajectory, Trajectory | None]]]]
+
+
+def conduct(
+    setting: Setting,
+    *,
+    trials: int | None = None,
+    scenario: str | None = None,
+    sequence: str | None = None,
+    seed: int | None = None,
+    blind: bool = False,
+) -> Found:
+    """Run ``trials`` of every scenario, or one, or one trial of each in the ``sequence``; raises ``BadInput``."""
+    gains = setting.given_gains()
+    seed = setting.study.seed if seed is None else seed
+    planned = plans(setting, trials, scenario, sequence)
+    found = [run(setting, gains, each, seed=seed, blind=blind) for each in planned]
+    return Found(
+        facts=facts(setting, gains, found, sequence=sequence is not None, seed=seed),
+        pictures=[
+            (
+                series.biped.M * series.biped.g,
+                [(trial.run, trial.refused[1] if trial.refused else None) for trial in series.trials],
+            )
+            for series in found
+        ],
+    )
 
 
 def facts(setting: Setting, gains: Gains, found: Sequence[Series], *, sequence: bool, seed: int) -> dict[str, Any]:
@@ -30,6 +68,7 @@ def facts(setting: Setting, gains: Gains, found: Sequence[Series], *, sequence: 
         "verdict": verdict,
         "why": undecided,
         "law": setting.law,
+        "adapt_s": setting.adapt,
         "gains": gains_json(gains),
         "seed": seed,
         "sequence": sequence,
@@ -50,20 +89,20 @@ def _estimate_from(setting: Setting) -> str:
 
 
 def _trial(trial: Trial, series: int) -> dict[str, Any]:
-    run, reading, true = trial.run, trial.reading, trial.run.F[:, -1]
+    happened, reading, true = trial.run, trial.reading, trial.run.F[:, -1]
     return {
         "series": series,
         "trial": trial.number,
-        "scenario": run.scenario,
+        "scenario": happened.scenario,
         "start": "the last estimate" if trial.start.estimated else "as the spec says",
         "reason": trial.start.why,
         "desired_angle_deg": math.degrees(trial.start.theta_d),
         "start_angle_deg": math.degrees(trial.start.theta0),
         "start_away_deg": None if trial.start.away is None else math.degrees(trial.start.away),
         "integral": trial.start.s0,
-        **_contact(run),
+        **_contact(happened),
         "settling_s": trial.approach.settling,
-        "transient_deg": math.degrees(float(np.abs(run.theta - trial.theta_f).max())),
+        "transient_deg": math.degrees(float(np.abs(happened.theta - trial.theta_f).max())),
         "overshoot_deg": math.degrees(trial.approach.overshoot),
         "posture_error_deg": math.degrees(trial.approach.error),
         "fx_n": float(true[0]),
@@ -151,7 +190,7 @@ def _survives(setting: Setting, series: Series) -> list[dict[str, Any]]:
     for trial, after in zip(series.trials, series.trials[1:], strict=False):
         if after.run.scenario == trial.run.scenario or trial.reading is None:
             continue
-        most = change(series.biped, setting.law, series.gains, trial.scenario, setting.step, trial.reading.theta)
+        most = change(looped(setting, series.biped, trial.reading.theta), series.gains, trial.scenario, setting.step)
         unit, scale = ("deg", math.degrees(1.0)) if most.slope else ("N", 1.0)
         used = after.refused[1] if after.refused else after.run if after.start.estimated else None
         blind = None if used is None else used.lost_contact is None and used.fallen is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from design.analysis.transient import BAND, Transient, transient
 from design.analysis.verdict import coarse_step
 from design.errors import BadInput
 from design.model.body import Biped
-from design.model.closed_loop import closed_loop
+from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario
 from design.model.laws import Gains
 from design.spec.setting import Setting
@@ -112,7 +112,7 @@ def run(setting: Setting, gains: Gains, scenarios: Sequence[Scenario], *, seed: 
         if reading is not None and not start.estimated:
             wrong = from_reading(reading, "used in spite of that", start.away or 0.0)
             refused = wrong, once(setting, real, its, scenario, wrong)
-        loop = closed_loop(real, setting.law, start.theta_d)
+        loop = looped(setting, real, start.theta_d)
         kept = happened.lost_contact is None and happened.fallen is None
         trial = Trial(
             number=number, biped=real, scenario=scenario, start=start, run=happened, refused=refused,
@@ -127,8 +127,13 @@ def run(setting: Setting, gains: Gains, scenarios: Sequence[Scenario], *, seed: 
 
 def once(setting: Setting, real: Biped, gains: Gains, scenario: Scenario, start: Start) -> Trajectory:
     """One closed-loop run of the ``real`` body from ``start``."""
-    loop = closed_loop(real, setting.law, start.theta_d)
+    loop = looped(setting, real, start.theta_d)
     return simulate(loop, begun(scenario, start), gains, setting.step, start.s0)
+
+
+def looped(setting: Setting, real: Biped, theta_d: float) -> ClosedLoop:
+    """The law of ``setting`` with another theta_d [rad] around the ``real`` body."""
+    return replace(setting, biped=real, theta_d=theta_d).loop()
 
 
 def _why_not(trial: Trial) -> str:

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from design.analysis.simulate import FALLEN
 from design.analysis.survival import HORIZON, slope_limit
-from design.model.body import Biped
-from design.model.closed_loop import ClosedLoop, closed_loop
+from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario, slope_force
-from design.model.laws import Gains, LawKind
+from design.model.laws import Gains
 
 Array = NDArray[np.float64]
 
@@ -44,9 +43,9 @@ class Change:
     down: float
 
 
-def change(real: Biped, kind: LawKind, gains: Gains, scenario: Scenario, step: float, theta_d: float) -> Change:
-    """What is survived by who stands at ``theta_d`` [rad] in the world at the end of ``scenario``."""
-    loop = closed_loop(real, kind, theta_d)
+def change(loop: ClosedLoop, gains: Gains, scenario: Scenario, step: float) -> Change:
+    """What is survived by who stands at the theta_d of ``loop`` in the world at the end of ``scenario``."""
+    real, theta_d = loop.biped, loop.law.theta_d
     watched = _watched(loop, step)
     end = scenario.force_at(np.array([scenario.duration]))[:, 0]
     sloping = scenario.kind == "slope"
@@ -82,7 +81,7 @@ def _watched(loop: ClosedLoop, step: float) -> ca.Function:
     """(theta0, F, K) -> the smallest contact force and the largest |theta| under a constant force, from rest."""
     count = max(1, math.ceil(HORIZON / step))
     theta0, F, K = ca.MX.sym("theta0"), ca.MX.sym("F", 2), ca.MX.sym("K", 3)
-    z0 = ca.vertcat(theta0, ca.DM.zeros(loop.step.size1_in(0) - 1))
+    z0 = ca.vertcat(*loop.start(theta0, 0.0))
     u = ca.vertcat(step, F, F, F)
     z = ca.horzcat(z0, loop.march(count)(z0, ca.repmat(u, 1, count), ca.repmat(K, 1, count)))
     y = loop.readout.map(count + 1)(z, ca.repmat(F, 1, count + 1), ca.repmat(K, 1, count + 1))

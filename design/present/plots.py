@@ -119,6 +119,8 @@ def _angle(ax: Axes, run: Trajectory) -> None:
     ax.plot(run.t, np.degrees(run.theta), color=BLUE, label="ankle angle θ")
     if run.alpha is not None:
         ax.plot(run.t, np.degrees(run.alpha), color=ORANGE, linestyle="--", label="slope α")
+    if np.ptp(run.theta_d) > 0:
+        ax.plot(run.t, np.degrees(run.theta_d), color="black", linewidth=1.0, linestyle=":", label="desired θ_d")
     ax.set_ylabel("angle [deg]")
     _legend(ax)
 

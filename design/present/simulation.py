@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
-from design.analysis.simulate import simulate
+import math
+from typing import Any
+
+import numpy as np
+
+from design.analysis.estimate import Signals, at_rest, dynamic, evenly, static
+from design.analysis.simulate import Trajectory, simulate
 from design.analysis.verdict import coarse_step
-from design.model.closed_loop import closed_loop
 from design.model.laws import LawKind
 from design.present import opening, plots, store, terminal, text
+from design.spec.setting import Setting
+
+MOST = 20_000
+"""Samples at which the dynamic estimate is looked at."""
+SETTLED = 0.05
+"""Time [s] after the start from which on its error counts."""
 
 
 def render(
@@ -29,17 +40,23 @@ def render(
     store.check_writable(plot, animate, output)
     chosen = problem.scenarios if scenario is None else (problem.scenario(scenario),)
     its = problem.given_gains()
-    loop = closed_loop(problem.biped, problem.law, problem.theta_d)
+    loop = problem.loop()
     runs = [simulate(loop, each, its, problem.step) for each in chosen]
     for why in filter(None, (coarse_step(loop, each, its, problem.step) for each in chosen)):
         terminal.note(f"warning: do not trust these numbers: {why}")
     if form == "csv":
         result = text.csv_text(runs)
     elif form == "json":
-        result = store.dumps(store.document("simulate", source, **store.runs_json(problem.law, its, runs)))
+        facts = store.runs_json(problem.law, its, runs)
+        for each, run in zip(facts["scenarios"], runs, strict=True):
+            each["estimates"] = estimates(problem, run)
+        result = store.dumps(store.document("simulate", source, **facts))
     else:
-        head = [f"{source.spec.name}, law {problem.law}, {text.gains_line(its, problem.law)}"]
-        result = "\n".join([*head, *(line for each in runs for line in text.trajectory_lines(each))]) + "\n"
+        head = f"{source.spec.name}, law {problem.law}, {text.gains_line(its, problem.law)}"
+        if math.isfinite(problem.adapt):
+            head += f", desired angle adapts within {problem.adapt:g} s"
+        told = [[*text.trajectory_lines(run), *_estimate_lines(estimates(problem, run))] for run in runs]
+        result = "\n".join([head, *(line for lines in told for line in lines)]) + "\n"
     if plot and picture:
         figure = plots.run_figure(runs, problem.biped.ell, f"{source.spec.name}: {text.gains_line(its, problem.law)}")
         store.write(plot, plots.figure_bytes(figure, picture))
@@ -48,3 +65,61 @@ def render(
 
         store.write(animate, gif_bytes(problem.biped, runs[0]))
     return result
+
+
+def estimates(problem: Setting, run: Trajectory) -> dict[str, Any] | None:
+    """What the sensors say of the force in ``run``: at its end if it rests, and in motion; None for too short a run.
+
+    Noise and tolerances are those of the spec, to first order; the errors are those without noise.
+    """
+    period = max(problem.step, (float(run.t[-1]) - float(run.t[0])) / MOST)
+    signals = evenly(Signals(run.t, run.theta, run.omega, run.F_T, run.F_H), period)
+    if len(signals.t) < 4 or run.fallen is not None or run.lost_contact is not None:
+        return None
+    given = (problem.biped, signals, problem.sensors, problem.tolerances)
+    try:
+        rest = at_rest(*given)
+    except ValueError:
+        return None
+    moving = dynamic(*given, walk=problem.tuning.walk * problem.biped.weight)
+    truth = np.array([np.interp(signals.t, run.t, part) for part in run.F])
+    later = signals.t >= signals.t[0] + min(SETTLED, 0.5 * (signals.t[-1] - signals.t[0]))
+
+    def largest(found: np.ndarray) -> list[float]:
+        return [float(part) for part in np.abs(found - truth)[:, later].max(axis=1)]
+
+    return {
+        "static": {
+            "fx_n": rest.F[0], "fy_n": rest.F[1], "stationary": rest.stationary, "off_n": list(rest.off),
+            "noise_n": list(rest.spread), "tolerance_n": list(rest.bias), "largest_error_n": largest(static(*given).F),
+            "note": rest.why,
+        },
+        "dynamic": {
+            "fx_n": float(moving.F[0, -1]), "fy_n": float(moving.F[1, -1]), "late_s": list(moving.lag),
+            "noise_n": [float(part) for part in moving.spread[:, -1]],
+            "tolerance_n": [float(part) for part in moving.bias[:, -1]], "largest_error_n": largest(moving.F),
+        },
+    }  # fmt: skip
+
+
+def _estimate_lines(found: dict[str, Any] | None) -> list[str]:
+    if found is None:
+        return ["  estimates    none: contact was lost, the body fell, or the run is too short"]
+    rest, moving = found["static"], found["dynamic"]
+
+    def pair(values: list[float]) -> str:
+        return f"({values[0]:.3g}, {values[1]:.3g}) N"
+
+    lines = [
+        "  at rest      "
+        + ("yes, (16)-(17) hold" if rest["stationary"] else f"NO: (16)-(17) off by {pair(rest['off_n'])}"),
+        f"  on the way   (16)-(17) off by up to {pair(rest['largest_error_n'])},"
+        f" the dynamic estimate by {pair(moving['largest_error_n'])}",
+    ]
+    if any(moving["noise_n"]):
+        lines.append(f"  noise makes  {pair(rest['noise_n'])} at rest, {pair(moving['noise_n'])} in motion (std)")
+    if any(moving["tolerance_n"]):
+        lines.append(
+            f"  tolerances   {pair(rest['tolerance_n'])} at rest, {pair(moving['tolerance_n'])} in motion, at most"
+        )
+    return lines

@@ -34,7 +34,6 @@ MET, VIOLATED, BAD, UNDECIDED = 0, 1, 2, 3
 LawName = Literal["pd", "force", "cop"]
 Goal = Literal["decay-rate", "contact-force", "cop-margin", "routh-margin"]
 ReportFormat = Literal["text", "json", "md", "html", "junit"]
-ENDINGS: dict[str, ReportFormat] = {".html": "html", ".md": "md", ".json": "json", ".xml": "junit"}
 
 SpecArgument = Annotated[str, typer.Argument(metavar="SPEC", help="TOML file, built-in name, or - for standard input.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Treat implausible numbers as errors.")]
@@ -82,12 +81,9 @@ def reads_recordings(command: Callable[..., None]) -> Callable[..., None]:
 @app.command()
 def specs() -> None:
     """List the built-in specs."""
-    from design.present import terminal
-    from design.spec.load import builtin_names, builtin_text, parse
+    from design.present import terminal, text
 
-    for name in builtin_names():
-        spec = parse(builtin_text(name), origin=name).spec
-        terminal.out(f"{name:<14} {', '.join(s.name for s in spec.scenarios):<14} {spec.source}\n")
+    terminal.out(text.builtin_lines())
 
 
 @app.command()
@@ -117,9 +113,7 @@ def simulate(
     gains: GainsOption = None,
     format: RunForm = "text",
     plot: Plot = None,
-    animate: Annotated[
-        str | None, typer.Option("--animate", metavar="FILE.gif", help="Draw the biped moving; one scenario.")
-    ] = None,
+    animate: Annotated[str | None, typer.Option(metavar="FILE.gif", help="Draw the biped; one scenario.")] = None,
     output: Output = None,
     strict: Strict = False,
 ) -> None:
@@ -154,34 +148,29 @@ def synthesize(
 
 
 @app.command()
+@reads_recordings
 def report(
     spec: Annotated[str, typer.Argument(metavar="SPEC|DESIGN", help="Spec, or a design.json of `synthesize`.")],
     law: LawOption = None,
     gains: GainsOption = None,
     against: Annotated[str | None, typer.Option("--against", metavar="SPEC|DESIGN", help="Beside another.")] = None,
+    record: Annotated[str | None, typer.Option("--record", metavar="FILE", help="Judge this measured trial.")] = None,
     format: Annotated[ReportFormat, typer.Option("--format", help="Form of the output.")] = "text",
     output: Output = None,
     strict: Strict = False,
+    *,
+    how: Any,
 ) -> None:
     """Say of every requirement whether it is kept, by how much, and where it is worst.
 
     With --against the two designs stand side by side; the exit code is the first one's. With -o FILE.html, .md, .json
-    or .xml the form follows the file's ending.
+    or .xml the form follows the file's ending. The options below --strict say how to read the FILE of --record.
     """
-    from design.present import drawing, terminal
+    from design.present import reporting, terminal
 
-    if output and format == "text":
-        format = ENDINGS.get(Path(output).suffix, format)
-    with drawing.pen(apart=format == "html") as pen:
-        from design.present import opening
-        from design.present import report as present
-
-        one = opening.judged(spec, law, gains, strict=strict)
-        other = opening.judged(against, strict=strict, beside=one) if against else None
-        paint = terminal.painter_for_output(to_file=output is not None)
-        written = present.render(format, one, other, (spec, against or ""), paint, pen)
+    written, verdict = reporting.render(spec, law, gains, against, record, how, format, output, strict=strict)
     terminal.deliver(written, output)
-    raise typer.Exit({"met": MET, "violated": VIOLATED, "undecided": UNDECIDED}[one.verdict.overall])
+    raise typer.Exit({"met": MET, "violated": VIOLATED, "undecided": UNDECIDED}[verdict])
 
 
 @app.command()
@@ -192,9 +181,7 @@ def estimate(
     spec: Annotated[str | None, typer.Option(metavar="SPEC", help="Whose body and foot it is.")] = None,
     format: RunForm = "text",
     plot: Plot = None,
-    as_spec: Annotated[
-        str | None, typer.Option(metavar="OUT.toml", help="Write the force as a spec's scenario.")
-    ] = None,
+    as_spec: Annotated[str | None, typer.Option(metavar="OUT.toml", help="Write the force as a scenario.")] = None,
     every: Annotated[float | None, typer.Option(metavar="SECONDS", help="Interval of its points.")] = None,
     output: Output = None,
     strict: Strict = False,
@@ -213,34 +200,26 @@ def estimate(
 @app.command()
 def study(
     spec: SpecArgument,
-    controllers: Annotated[
-        str | None,
-        typer.Option(
-            "--controllers",
-            metavar="A,B,...",
-            help="Of: pd, force, cop (with the spec's gains), each with -synthesized (with the best ones), mpc, nmpc,"
-            " mpc-oracle (knows the force), mpc-preview (and its future). Left out: all.",
-        ),
-    ] = None,
+    controllers: Annotated[str | None, typer.Option(metavar="A,B,...", help="Left out: all.")] = None,
     trials: Annotated[int | None, typer.Option("--trials", min=1, help="Trials of each controller.")] = None,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of noise and uncertainty.")] = None,
     jobs: Annotated[int | None, typer.Option("--jobs", min=1, max=1024, help="Worker processes.")] = None,
     dask: Annotated[str | None, typer.Option("--dask", metavar="ADDRESS", help="Run on this dask cluster.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the study in the folder of -o.")] = False,
     format: Form = "text",
-    output: Annotated[
-        str | None, typer.Option("-o", "--output", metavar="FOLDER", help="Keep trials and reports in this folder.")
-    ] = None,
+    output: Annotated[str | None, typer.Option("-o", "--output", metavar="FOLDER", help="Keep trials there.")] = None,
     strict: Strict = False,
 ) -> None:
-    """Compare the paper's laws with predictive controllers, trial by trial in the same world and noise."""
+    """Compare the paper's laws with predictive controllers, trial by trial in the same world and noise.
+
+    Controllers: pd, force, cop (with the spec's gains), each with -synthesized (with the best ones), mpc, nmpc,
+    mpc-oracle (knows the force), mpc-preview (and its future).
+    """
     from design.present import terminal
     from problems import commands
 
-    names = [name.strip() for name in controllers.split(",")] if controllers else None
-    printed, complete = commands.study(
-        spec, names, trials, seed, jobs, dask, format, output, resume=resume, strict=strict
-    )
+    asked = (controllers, trials, seed, jobs, dask)
+    printed, complete = commands.study(spec, *asked, format, output, resume=resume, strict=strict)
     terminal.deliver(printed, None)
     raise typer.Exit(MET if complete else UNDECIDED)
 

@@ -29,7 +29,7 @@ sigma      decay rate: every pole has a real part of at most -sigma    1/s
 
 Imports point one way: ``cli`` asks ``problems``, ``problems`` compute with ``design``. Inside, ``model`` and
 ``solvers`` know nothing of the others, ``spec`` builds records of ``model``, ``analysis`` uses both, and
-``present`` reads stored records only.
+``present`` reads stored records only. ``recordings`` turns files of measured trials into records of their own.
 """
 
 __version__ = "0.1.0"

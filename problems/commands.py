@@ -37,7 +37,7 @@ def synthesize(
 
 def study(
     spec: str,
-    controllers: list[str] | None,
+    controllers: str | None,
     trials: int | None,
     seed: int | None,
     jobs: int | None,
@@ -50,7 +50,8 @@ def study(
 ) -> tuple[str, bool]:
     """What to print of a comparison, and whether it is complete; its trials are kept in the folder ``output``."""
     source, problem = opening.opened(spec, strict=strict)
-    problem, names = conduct.with_options(problem, trials=trials, seed=seed, controllers=controllers)
+    names = [name.strip() for name in controllers.split(",")] if controllers else None
+    problem, names = conduct.with_options(problem, trials=trials, seed=seed, controllers=names)
     study_folder.check(output, resume=resume)
     with terminal.progress() as say, terminal.terminated_like_interrupted(), study_folder.kept(output):
         found = conduct.conduct(

@@ -12,7 +12,7 @@ from design.analysis.simulate import Trajectory
 
 Array = NDArray[np.float64]
 RowStatus = Literal["met", "violated", "undecided"]
-Basis = Literal["exact", "sampled", "proved"]
+Basis = Literal["exact", "sampled", "proved", "measured"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,8 +34,11 @@ def as_html(report: Report, pen: Executor | None = None) -> str:
         for run in report.verdict.trajectories
     ]
     figures = {row: draw(report_plots.limit_figure, parts) for row, parts in _by_row(report.verdict.series)}
-    curves = loop_curves(report.setting, report.gains)
-    locus, loop = draw(report_plots.locus_figure, curves), draw(report_plots.loop_figure, curves)
+    loop: list[tuple[str, Future[str]]] = []
+    if report.gains is not None:
+        curves = loop_curves(report.setting, report.gains)
+        loop.append(("Root locus over the actuator's gain", draw(report_plots.locus_figure, curves)))
+        loop.append(("Loop gain and sensitivities at the actuator", draw(report_plots.loop_figure, curves)))
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["number"] = number
     source = files("design.present").joinpath("report.html.j2").read_text(encoding="utf-8")
@@ -48,8 +51,7 @@ def as_html(report: Report, pen: Executor | None = None) -> str:
         rows=rows,
         pages={row: page for row, page in pages().items() if any(each.id == row for each in report.verdict.rows)},
         figures={row: Markup(picture.result()) for row, picture in figures.items()},
-        locus=Markup(locus.result()),
-        loop=Markup(loop.result()),
+        loop=[(head, Markup(picture.result())) for head, picture in loop],
         runs=[(scenario, Markup(picture.result())) for scenario, picture in runs],
         provenance=", ".join(f"{name} {version}" for name, version in store.provenance().items()),
     )

@@ -8,6 +8,7 @@ from design.model.laws import Gains, LawKind
 from design.present import terminal
 from design.present.report import Report
 from design.present.store import read_design
+from design.recordings.reading import Reading
 from design.spec.load import Source, decode, load, parse, read_bytes
 from design.spec.setting import Setting, parse_gains, setting
 
@@ -42,8 +43,26 @@ def judged(
     *,
     strict: bool = False,
     beside: Report | None = None,
+    record: str | None = None,
+    how: Reading | None = None,
 ) -> Report:
-    """The report on a spec or design; ``beside`` another it is judged by that one's specification."""
+    """The report on a spec or design; ``beside`` another it is judged by that one's specification.
+
+    With a ``record``, a file that is read as ``how`` says, the measured trial is judged and no run.
+    """
+    if record is not None:
+        from design.present import recording
+
+        if law is not None or gains is not None:
+            message = "is judged as it was measured; leave out --law and --gains"
+            raise BadInput(message, key="--record")
+        return recording.judged(record, how or Reading(), reference, strict=strict)
+    if how is not None and how != Reading():
+        message = "is missing; the options that say how a recording is read go with it"
+        raise BadInput(message, key="--record")
+    if beside is not None and beside.record is not None:
+        message = "compares designs; a recording is judged alone"
+        raise BadInput(message, key="--against")
     source, problem = opened(reference, law, gains, strict=strict)
     its = problem.given_gains()
     if beside is not None:

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from design.analysis.measured import judge_record, left_out
 from design.analysis.recorded import Estimates, Least, cop_margin, estimates, least
 from design.errors import BadInput
 from design.present import opening, plots, recording_plots, recording_spec, store, terminal
+from design.present.report import Report
 from design.present.text import number, table, wrapped
 from design.recordings.reading import Reading
 from design.recordings.record import Record, open_record
@@ -37,13 +39,36 @@ class Measured:
 def measured(file: str, how: Reading, spec: str | None, *, strict: bool = False) -> Measured:
     """Read and check the recording in ``file``; warnings go to standard error, ``strict`` makes the first an error."""
     source = opening.opened(spec, strict=strict)[0] if spec else load(ASSUMED_SPEC)
-    record = open_record(file, how, setting(source.spec).biped, given=spec is not None)
+    problem = setting(source.spec)
+    record = open_record(file, how, problem.biped, given=spec is not None)
+    _remark(record, strict=strict)
+    return Measured(source=source, record=record, found=estimates(record, problem))
+
+
+def judged(file: str, how: Reading, spec: str, *, strict: bool = False) -> Report:
+    """The report on a recording against the requirements of ``spec``."""
+    source, problem = opening.opened(spec, strict=strict)
+    record = open_record(file, how, problem.biped, given=True)
+    _remark(record, strict=strict)
+    verdict = judge_record(problem, record)
+    span = float(record.t[-1] - record.t[0])
+    remarks = [f"measured: {int(record.valid.sum()):,} of {len(record.t):,} samples over {span:g} s"]
+    remarks += [f"assumed: {said}" for said in record.assumed]
+    remarks += dropouts_said(record)
+    missing = left_out(problem, record)
+    besides = f"; among them these requirements of the spec: {', '.join(missing)}" if missing else ""
+    remarks.append(
+        f"left out, as a recording does not tell them: rows of the linear loop and of simulated runs{besides}"
+    )
+    return Report(source=source, setting=problem, gains=None, verdict=verdict, record=record, remarks=tuple(remarks))
+
+
+def _remark(record: Record, *, strict: bool) -> None:
     for remark in record.warnings:
         if strict:
             message = f"{remark} (--strict)"
-            raise BadInput(message, file=file)
-        terminal.note(f"warning: {file}: {remark}")
-    return Measured(source=source, record=record, found=estimates(record))
+            raise BadInput(message, file=record.origin)
+        terminal.note(f"warning: {record.origin}: {remark}")
 
 
 def render(
@@ -142,6 +167,12 @@ def as_text(result: Measured) -> str:
         lines += wrapped(lost)
     lines += wrapped(f"F_x {found.how_x}")
     lines += wrapped(f"F_y {found.how_y}")
+    if found.spread is not None and found.bias is not None:
+        parts = zip(("F_x", "F_y"), found.spread, found.bias, strict=True)
+        errors = ", ".join(
+            f"{name} ± {number(spread, 3)} N by noise, {number(bias, 3)} N by the body" for name, spread, bias in parts
+        )
+        lines += wrapped(f"errors: {errors} (standard deviation; bound by [uncertainty])")
     return "\n".join(lines) + "\n"
 
 
@@ -168,12 +199,8 @@ def as_json(result: Measured) -> str:
         result.source,
         status="estimated",
         spec_assumed=not record.given,
-        record={"file": record.origin, "sha256": record.sha256, "columns": record.columns},
-        samples=len(record.t),
-        valid_samples=int(record.valid.sum()),
-        dropouts=int(record.dropouts.sum()),
+        **store.record_json(record),
         dropout_spans_s=[[a, b] for a, b, _ in record.spans(record.dropouts)],
-        gaps=int(record.gaps.sum()),
         start_s=float(record.t[0]),
         duration_s=float(record.t[-1] - record.t[0]),
         rate_hz=record.rate,
@@ -189,11 +216,17 @@ def as_json(result: Measured) -> str:
         torque_nm=_figures(least(record, record.torque)),
         fx_n=_figures(least(record, found.F_x)),
         fy_n=_figures(least(record, found.F_y)),
+        fx_static_n=_figures(least(record, found.static_x)),
+        estimate_error_n=None
+        if found.spread is None or found.bias is None
+        else {
+            "fx_spread": found.spread[0],
+            "fy_spread": found.spread[1],
+            "fx_bias": found.bias[0],
+            "fy_bias": found.bias[1],
+        },
         fx_method=found.how_x,
         fy_method=found.how_y,
-        notes=record.notes,
-        assumed=record.assumed,
-        warnings=record.warnings,
     )
     return store.dumps(facts)
 

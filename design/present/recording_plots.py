@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from design.analysis.recorded import Estimates
+from design.analysis.recorded import Estimates, thinned
 from design.present.plots import BLUE, BROKEN, GREY, ORANGE, canvas, plain
 from design.recordings.record import Record
 
@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from design.present.plots import Axes, Figure
 
 Array = NDArray[np.float64]
-
-MOST = 8000
-"""Points of a drawn line; of longer ones the extremes of each piece are drawn."""
 
 
 def figure(record: Record, found: Estimates) -> Figure:
@@ -35,22 +32,6 @@ def figure(record: Record, found: Estimates) -> Figure:
         plain(ax)
     axes[-1, 0].set_xlabel("time [s]")
     return drawn
-
-
-def thinned(t: Array, values: Array) -> tuple[Array, Array]:
-    """The line to draw: all points of a short one, else the least and the greatest of each piece."""
-    if len(t) <= MOST:
-        return t, values
-    size = -(-len(t) // (MOST // 2))
-    kept = len(t) // size * size
-    pieces = values[:kept].reshape(-1, size)
-    known = np.isfinite(pieces)
-    low = np.argmin(np.where(known, pieces, np.inf), axis=1)
-    high = np.argmax(np.where(known, pieces, -np.inf), axis=1)
-    rows = (np.arange(len(pieces))[:, None] * size + np.sort(np.column_stack([low, high]), axis=1)).ravel()
-    holes = np.flatnonzero(~np.isfinite(values))
-    rows = np.union1d(rows, holes[:MOST])
-    return t[rows], values[rows]
 
 
 def _line(ax: Axes, record: Record, values: Array, colour: str, style: str = "-", label: str = "") -> None:

@@ -15,6 +15,7 @@ from design.errors import BadInput
 from design.model.laws import Gains
 from design.present import store
 from design.present.text import Paint, gains_line, number, ranked, report_table, short, table, word, wrapped
+from design.recordings.record import Record
 from design.spec.load import Source
 from design.spec.setting import Setting
 
@@ -27,16 +28,23 @@ WORDS: dict[RowStatus, tuple[str, str]] = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Report:
-    """One design and its verdict."""
+    """One design and its verdict; or, with a ``record``, a measured trial, of which no ``gains`` are known.
+
+    ``remarks``: what must be known to read it.
+    """
 
     source: Source
     setting: Setting
-    gains: Gains
+    gains: Gains | None
     verdict: Verdict
+    record: Record | None = None
+    remarks: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:
-        """Spec, law and gains in a line."""
+        """Spec, law and gains in a line, or spec and recording."""
+        if self.record is not None or self.gains is None:
+            return f"{self.source.spec.name}, measured: {self.record.origin if self.record else 'nothing'}"
         return f"{self.source.spec.name}, law {self.setting.law}, {gains_line(self.gains, self.setting.law)}"
 
     @property
@@ -62,6 +70,7 @@ def as_text(report: Report, paint: Paint) -> str:
     """The table for a terminal."""
     lines = [*wrapped(report.title), "", *report_table(report.verdict.rows, paint), ""]
     lines += [f"binds: {row.id} in {row.scenario}" for row in binding(report.verdict.rows)]
+    lines += [line for said in report.remarks for line in wrapped(said)]
     lines.append(f"specification: {paint(*WORDS[report.verdict.overall])} ({report.counted})")
     return "\n".join(lines) + "\n"
 
@@ -77,8 +86,9 @@ def as_json(report: Report, other: Report | None = None) -> dict[str, Any]:
 def _json(report: Report) -> dict[str, Any]:
     rows = report.verdict.rows
     return {
-        "law": report.setting.law,
-        "gains": store.gains_json(report.gains),
+        "law": report.setting.law if report.gains else None,
+        "gains": store.gains_json(report.gains) if report.gains else None,
+        **({"record": store.record_json(report.record), "remarks": report.remarks} if report.record else {}),
         "verdict": report.verdict.overall,
         "binding": [{"id": row.id, "scenario": row.scenario} for row in binding(rows)],
         "rows": [store.row_json(row) for row in rows],
@@ -102,6 +112,7 @@ def as_markdown(report: Report) -> str:
             f" | {number(row.margin, 4)} | {row.unit} | {number(row.time_s, 5)} | {row.basis} |"
         )
     notes = [f"- `{row.id}`: {_plain(row.note)}" for row in rows if row.note]
+    notes += [f"- {_plain(said)}" for said in report.remarks]
     stamp = store.provenance()
     lines += [
         "",

@@ -25,6 +25,7 @@ from design.analysis.simulate import Trajectory
 from design.errors import BadInput
 from design.model.laws import Gains, LawKind
 from design.present.text import columns
+from design.recordings.record import Record
 from design.spec.load import Source
 
 FORMAT = 1
@@ -59,6 +60,22 @@ def gains_json(gains: Gains) -> dict[str, float]:
 def row_json(row: Row) -> dict[str, Any]:
     """A row as stored."""
     return asdict(row)
+
+
+def record_json(record: Record) -> dict[str, Any]:
+    """Which recording was read, as what, and how much of it can be used."""
+    return {
+        "file": record.origin,
+        "sha256": record.sha256,
+        "columns": record.columns,
+        "samples": len(record.t),
+        "valid_samples": int(record.valid.sum()),
+        "dropouts": int(record.dropouts.sum()),
+        "gaps": int(record.gaps.sum()),
+        "notes": record.notes,
+        "assumed": record.assumed,
+        "warnings": record.warnings,
+    }
 
 
 def runs_json(law: str, gains: Gains, runs: Sequence[Trajectory]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import numpy as np
 from design.analysis.rows import Row
 from design.analysis.simulate import Trajectory
 from design.model.laws import Gains
+from design.spec.load import builtin_names, builtin_text, parse
 
 Paint = Callable[[str, str], str]
 """(text, style) -> text; a style is ``good``, ``bad``, ``doubt`` or ``strong``."""
@@ -60,6 +61,15 @@ def short(name: str | None, most: int = 12) -> str:
 def wrapped(text: str, indent: str = "") -> list[str]:
     """Lines of ``text`` that fit a terminal; further ones are indented by two more."""
     return textwrap.wrap(text, 79, initial_indent=indent, subsequent_indent=indent + "  ", break_long_words=False)
+
+
+def builtin_lines() -> str:
+    """The built-in specs: name, scenarios, source."""
+    lines = []
+    for name in builtin_names():
+        spec = parse(builtin_text(name), origin=name).spec
+        lines.append(f"{name:<14} {', '.join(s.name for s in spec.scenarios):<14} {spec.source}\n")
+    return "".join(lines)
 
 
 def gains_line(gains: Gains, law: str) -> str:

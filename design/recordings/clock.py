@@ -118,6 +118,12 @@ def _regular_rate(stamps: Array, steps: Array, columns: Columns, table: Table) -
         usually = "" if step <= 0 else f" (usually {usual:.6g} s)"
         more = f"; {int(odd.sum())} such steps" if odd.sum() > 1 else ""
         hint = f"{1 / usual:.6g}" if usual > 0 else "HZ"
+        if stamps[k + 1] <= stamps[0] + 0.5 * usual:
+            message = (
+                f"begins again, {stamps[k]:.9g} to {stamps[k + 1]:.9g} s: more than one trial in the file; keep one"
+                " (of `poise simulate`: --scenario NAME)"
+            )
+            raise BadInput(message, file=table.origin, key=f"{table.place} {table.lines[k + 1]}, column {name}")
         message = (
             f"{what}, {stamps[k]:.9g} to {stamps[k + 1]:.9g} s{usually}{more}; needs regular time stamps;"
             f" mend them, or give --resample {hint}, or --rate {hint} if only the stamps are wrong"

@@ -30,6 +30,7 @@ app = typer.Typer(
 )
 
 MET, VIOLATED, BAD, UNDECIDED = 0, 1, 2, 3
+CODES = {"met": MET, "violated": VIOLATED, "undecided": UNDECIDED}
 
 LawName = Literal["pd", "force", "cop"]
 Goal = Literal["decay-rate", "contact-force", "cop-margin", "routh-margin"]
@@ -42,6 +43,8 @@ LawOption = Annotated[LawName | None, typer.Option("--law", help="Law instead of
 Output = Annotated[str | None, typer.Option("-o", "--output", metavar="FILE", help="Write the result to this file.")]
 RunForm = Annotated[Literal["text", "csv", "json"], typer.Option("--format", help="Form of the output.")]
 Form = Annotated[Literal["text", "json"], typer.Option("--format", help="Form of the output.")]
+Scenario = Annotated[str | None, typer.Option("--scenario", metavar="NAME", help="Only this one.")]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of noise and uncertainty.")]
 Plot = Annotated[str | None, typer.Option("--plot", metavar="FILE", help="Draw it: .png, .svg or .pdf.")]
 READING: dict[str, tuple[Any, str | None, str]] = {
     "columns": (str, "NAME=COLUMN[:UNIT],...", "Which column holds what."),
@@ -108,7 +111,7 @@ def schema() -> None:
 @app.command()
 def simulate(
     spec: SpecArgument,
-    scenario: Annotated[str | None, typer.Option("--scenario", metavar="NAME", help="Only this one.")] = None,
+    scenario: Scenario = None,
     law: LawOption = None,
     gains: GainsOption = None,
     format: RunForm = "text",
@@ -170,7 +173,7 @@ def report(
 
     written, verdict = reporting.render(spec, law, gains, against, record, how, format, output, strict=strict)
     terminal.deliver(written, output)
-    raise typer.Exit({"met": MET, "violated": VIOLATED, "undecided": UNDECIDED}[verdict])
+    raise typer.Exit(CODES[verdict])
 
 
 @app.command()
@@ -202,7 +205,7 @@ def study(
     spec: SpecArgument,
     controllers: Annotated[str | None, typer.Option(metavar="A,B,...", help="Left out: all.")] = None,
     trials: Annotated[int | None, typer.Option("--trials", min=1, help="Trials of each controller.")] = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of noise and uncertainty.")] = None,
+    seed: Seed = None,
     jobs: Annotated[int | None, typer.Option("--jobs", min=1, max=1024, help="Worker processes.")] = None,
     dask: Annotated[str | None, typer.Option("--dask", metavar="ADDRESS", help="Run on this dask cluster.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the study in the folder of -o.")] = False,
@@ -222,6 +225,28 @@ def study(
     printed, complete = commands.study(spec, *asked, format, output, resume=resume, strict=strict)
     terminal.deliver(printed, None)
     raise typer.Exit(MET if complete else UNDECIDED)
+
+
+@app.command()
+def trials(
+    spec: SpecArgument,
+    trials: Annotated[int | None, typer.Option(min=1, max=1000, help="Of each scenario; 3 if left out.")] = None,
+    scenario: Scenario = None,
+    sequence: Annotated[str | None, typer.Option(metavar="A,B,...", help="The scenario of each trial.")] = None,
+    blind: Annotated[bool, typer.Option("--blind", help="Start from the estimate whatever the world is.")] = False,
+    seed: Seed = None,
+    law: LawOption = None,
+    gains: GainsOption = None,
+    format: Form = "text",
+    plot: Plot = None,
+    output: Output = None,
+    strict: Strict = False,
+) -> None:
+    """Run trials in a row, each started in the posture that the last one's estimate of the force gives."""
+    from problems.trials import command
+
+    asked = command.Asked(trials, scenario, sequence, seed, blind)
+    raise typer.Exit(CODES[command.trials(spec, law, gains, asked, format, plot, output, strict=strict)])
 
 
 @app.command()

@@ -13,6 +13,9 @@ stationary state, which is why (1, 0, K_p) and not (1, 0, 0) is carried on. Tria
 |rho(T)| < 1. A law that adapts has a fourth state, and ends without an integral: there (1, 0, 0, 1) is carried on, by
 (23). rho(0) = 1 and rho''(0) = A L/I > 0: too short a trial carries away from the posture. For pd rho tends to
 K_p/(K_p - A L) > 1: pd control never contracts.
+
+From noisy sensors theta_d is a mean over the last ``WINDOW`` of a trial, and what is left is no more than the largest
+|rho| there, which is then what is given.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from design.analysis.estimate import WINDOW
 from design.analysis.simulate import simulate
 from design.analysis.survival import slope_limit
 from design.model.body import Biped
@@ -130,11 +134,15 @@ def contraction(setting: Setting, gains: Gains, scenarios: Sequence[Scenario]) -
     kind = setting.law
     B, start = _stacked(points, kind, setting.adapt)
     T = np.array([point.duration for point in points])
-    with np.errstate(all="ignore"):  # what grows without bound counts as infinite
-        found = np.abs((expm(B * T[:, None, None]) @ start[:, :, None])[:, 0, 0])
-    found = np.where(np.isfinite(found), found, np.inf)
+    mean = 0.0 if setting.sensors.exact else WINDOW
+    found = np.zeros(len(points))
+    for back in np.linspace(0.0, mean, 11 if mean else 1):
+        with np.errstate(all="ignore"):  # what grows without bound counts as infinite
+            part = np.abs((expm(B * np.maximum(T - back, 0.0)[:, None, None]) @ start[:, :, None])[:, 0, 0])
+        found = np.maximum(found, np.where(np.isfinite(part), part, np.inf))
     worst = int(np.argmax(found))
-    shortest = {level: stays_below(B, start, level) for level in LEVELS}
+    lengths = {level: stays_below(B, start, level) for level in LEVELS}
+    shortest = {level: None if length is None else length + mean for level, length in lengths.items()}
     steady = points[worst]
     stiff = steady.gains.K_p - steady.A * steady.biped.L
     return Contraction(
@@ -146,7 +154,7 @@ def contraction(setting: Setting, gains: Gains, scenarios: Sequence[Scenario]) -
         samples=samples,
         below_from=shortest,
         limit=steady.gains.K_p / stiff if kind == "pd" and stiff > 0 else None,
-        check=_checked(setting, points, found, shortest[LEVELS[-1]]),
+        check=_checked(setting, points, found, lengths[LEVELS[-1]]),
     )
 
 

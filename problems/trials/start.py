@@ -115,8 +115,11 @@ def _posture_error(biped: Biped, sensors: Sensors, rest: Rest, theta: float, n: 
     return motion + 2 * math.hypot(sensors.angle, sensors.angle_step / math.sqrt(12)) / math.sqrt(n)
 
 
-def standing(setting: Setting, real: Biped, F: Array, theta: float, noise: np.random.Generator) -> float:
-    """theta_f [rad] as toe and heel force tell it to who stands still at ``theta`` while ``F`` (2,) acts."""
+def standing(setting: Setting, real: Biped, F: Array, theta: float, noise: np.random.Generator) -> tuple[float, str]:
+    """theta_f [rad] as toe and heel force tell it to who stands still at ``theta`` while ``F`` (2,) acts.
+
+    And, in words, how they do; where the foot cannot give the torque that it takes, nobody stands there.
+    """
     biped = setting.biped
     down = real.M * real.g - F[1]
     tau = -real.L * (down * math.sin(theta) + F[0] * math.cos(theta))  # (1), -A L sin(theta - theta_f)
@@ -126,7 +129,14 @@ def standing(setting: Setting, real: Biped, F: Array, theta: float, noise: np.ra
     angle, F_T, F_H = (float(part.mean()) for part in (told.theta, told.F_T, told.F_H))
     load = F_T + F_H - biped.m * biped.g
     F_x = -(load * math.sin(angle) + biped.ell * (F_H - F_T) / biped.L) / math.cos(angle)
-    return math.atan2(-F_x, load)
+    theta_f = math.atan2(-F_x, load)
+    if min(truth[2:]) < 0:
+        takes, gives = abs(tau), real.ell * 2 * half
+        return theta_f, (
+            f"the world's at the start is {_degrees(theta_f)}: standing there would take {takes:.3g} N m, and the foot"
+            f" can give {gives:.3g} N m"
+        )
+    return theta_f, f"toe and heel say that the world's at the start is {_degrees(theta_f)}"
 
 
 def decide(
@@ -143,10 +153,9 @@ def decide(
     if reading is None:
         return as_specified(setting, scenario, why_not)
     F = scenario.force_at(np.zeros(1))[:, 0]
-    theta_f = standing(setting, real, F, reading.theta, noise)
+    theta_f, where = standing(setting, real, F, reading.theta, noise)
     away, spec = abs(theta_f - reading.theta), abs(theta_f - scenario.theta0)
     told = 2 * _told(setting)
-    where = f"toe and heel say that the world's posture at the start is {_degrees(theta_f)}"
     if away > reading.error + TOLERANCE + told and not blind:
         why = f"the estimate's posture is {_degrees(reading.theta)}, but {where}"
         if away < spec:

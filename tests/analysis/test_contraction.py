@@ -14,6 +14,7 @@ from design.analysis.contraction import box, contraction, factor, iteration, rat
 from design.analysis.estimate import static_estimate
 from design.model.body import Biped
 from design.model.laws import Gains
+from design.model.sensing import Sensors
 from design.model.stability import closed_loop_matrix
 from design.model.uncertainty import Spread, Tolerances
 from design.spec.load import load
@@ -153,6 +154,17 @@ def test_the_largest_of_the_box_is_no_less_than_elsewhere_in_it_and_where_it_is_
         biped, world = wide.tolerances.drawn(BIPED, short[0], shares.tolist())
         size = world.operating_points(biped)[0].max()
         assert abs(factor(biped, "force", GAINS, size, LOAD, 1.0)) <= found.factor * (1 + 1e-9)
+
+
+def test_from_noisy_sensors_the_largest_of_the_last_half_second_is_given():
+    short = [replace(scenario, duration=2.0) for scenario in STEP.scenarios]
+    noisy = contraction(replace(STEP, sensors=Sensors(angle=1e-3)), GAINS, short)
+    along = [abs(factor(BIPED, "force", GAINS, A, LOAD, T)) for T in np.linspace(1.5, 2.0, 26)]
+    assert max(along) * (1 - 1e-3) <= noisy.factor <= max(along) * (1 + 1e-9)
+    assert abs(np.mean(along)) < noisy.factor
+    exact = contraction(STEP, GAINS, short)
+    assert exact.factor == pytest.approx(along[-1])
+    assert noisy.below_from[0.1] == pytest.approx(exact.below_from[0.1] + 0.5)
 
 
 def test_the_nominal_law_around_another_body_is_what_law_cop_s_gain_becomes():

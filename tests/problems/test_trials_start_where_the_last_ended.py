@@ -24,7 +24,7 @@ from design.spec.load import load
 from design.spec.setting import setting
 from problems.trials import conduct
 from problems.trials.series import plans, run
-from problems.trials.start import TOLERANCE
+from problems.trials.start import TOLERANCE, standing
 from problems.trials.survives import change
 
 STEP, RAMP = (setting(load(name).spec) for name in ("slope-step", "slope"))
@@ -122,7 +122,12 @@ def test_on_the_ramp_trial_two_is_not_started_at_minus_30_degrees_and_the_cost_i
     assert second["start"] == "as the spec says"
     assert second["start_angle_deg"] == second["desired_angle_deg"] == 0.0
     assert "-30.00 deg" in second["reason"]
-    assert "0.00 deg" in second["reason"].split("toe and heel")[1]
+    assert "the world's at the start is 0.00 deg" in second["reason"]
+    standing = BIPED.M * BIPED.g * BIPED.L * math.sin(math.radians(30.0))
+    assert standing > BIPED.ell * BIPED.weight
+    assert (
+        f"would take {standing:.3g} N m, and the foot can give {BIPED.ell * BIPED.weight:.3g} N m" in second["reason"]
+    )
     assert second["contact_force_n"] == first["contact_force_n"]
     refused = second["refused"]
     assert refused["desired_angle_deg"] == pytest.approx(-30.0, abs=0.01)
@@ -228,6 +233,19 @@ def test_noise_moves_the_start_no_farther_than_its_stated_error():
         assert away > 0
         outside += away > first.reading.error
     assert outside <= 3  # two standard deviations
+
+
+def test_toe_and_heel_tell_the_world_s_posture_to_who_stands_in_another():
+    rng = np.random.default_rng(0)
+    for F_x, F_y, theta in ((25.0, 0.0, 0.02), (-40.0, 30.0, 0.05), (10.0, -60.0, -0.06)):
+        theta_f = math.atan2(-F_x, BIPED.M * BIPED.g - F_y)
+        found, said = standing(STEP, BIPED, np.array([F_x, F_y]), theta, rng)
+        assert found == pytest.approx(theta_f, abs=1e-12)
+        assert "toe and heel say" in said
+    noisy = replace(STEP, sensors=Sensors(angle=math.radians(0.1), force=3.0))
+    found, _ = standing(noisy, BIPED, np.array([25.0, 0.0]), 0.0, rng)
+    assert found != pytest.approx(theta_f, abs=1e-9)
+    assert found == pytest.approx(math.atan2(-25.0, BIPED.M * BIPED.g), abs=math.radians(0.1))
 
 
 def test_the_same_seed_gives_the_same_trials_and_another_seed_others():

@@ -1,0 +1,160 @@
+"""``poise trials`` as its users meet it: a table, a sentence for each finding, JSON, a picture, and exit codes."""
+
+import json
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from design.spec.load import load
+from design.spec.setting import setting
+from problems.trials import conduct
+
+ROOT = Path(__file__).resolve().parents[1]
+SLOPE = load("slope-step").text
+
+
+def _scenario(name, angle, duration=6.0):
+    lines = f'name = "{name}"', 'kind = "slope"', f"angle_deg = {angle}", "ramp_s = 0.0", f"duration_s = {duration}"
+    return "\n".join(["[[scenarios]]", *lines, "", ""])
+
+
+HEAD, TAIL = SLOPE[: SLOPE.index("[[scenarios]]")], SLOPE[SLOPE.index("[law]") :]
+CHANGING = HEAD + _scenario("three", 3.0) + _scenario("other", -4.5) + TAIL
+
+
+def _poise(*arguments, cwd=ROOT):
+    command = [sys.executable, str(ROOT / "cli.py"), "trials", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, cwd=cwd)
+
+
+@pytest.fixture
+def changing(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(CHANGING, encoding="utf-8")
+    return file
+
+
+def _never_nan(constant):
+    pytest.fail(f"JSON holds {constant}")
+
+
+def test_the_table_fits_80_columns_and_the_improvement_is_a_sentence():
+    ended = _poise("slope-step")
+    assert ended.returncode == 0, ended.stderr
+    assert max(map(len, ended.stdout.splitlines())) <= 80
+    said = " ".join(ended.stdout.split())
+    found = re.search(r"contact force is ([\d.]+) N larger \(([\d.]+) N, not ([\d.]+) N\)", said)
+    more, two, one = map(float, found.groups())
+    assert more == pytest.approx(two - one, abs=2e-3)
+    assert more > 0
+    assert re.search(r"settles [\d.]+ s sooner", said)
+    assert "The trials contract: " in said
+    assert "Checked at 1 point of the box by simulation" in said
+    assert len(re.findall(r"^\d step ", ended.stdout, re.MULTILINE)) == 3
+
+
+def test_the_ramp_s_wrong_start_and_its_cost_are_sentences():
+    ended = _poise("slope", "--trials", "2")
+    assert ended.returncode == 0
+    said = " ".join(ended.stdout.split())
+    assert "trial 2 starts as the spec says: the estimate's posture is -30.00 deg" in said
+    assert "Started from the estimate, at -30.00 deg, contact is lost at the toe" in said
+
+
+def test_the_json_has_the_common_keys_and_those_of_trials(tmp_path):
+    file = tmp_path / "trials.json"
+    ended = _poise("slope-step", "--trials", "2", "--format", "json", "-o", file)
+    assert (ended.returncode, ended.stdout) == (0, "")
+    document = json.loads(file.read_text(encoding="utf-8"), parse_constant=_never_nan)
+    assert (document["schema_version"], document["command"], document["verdict"]) == (1, "trials", "met")
+    assert {"spec", "status", "law", "gains", "contraction", "survives", "provenance"} <= document.keys()
+    assert len(document["trials"]) == 2
+    for trial in document["trials"]:
+        for key in ("desired_angle_deg", "contact_force_n", "settling_s", "fx_estimate_n", "fy_estimate_n"):
+            assert isinstance(trial[key], float)
+    assert document["trials"][1]["start"] == "the last estimate"
+    assert document["contraction"]["contracts"] is True
+
+
+def test_a_sequence_says_what_the_law_survives(changing):
+    ended = _poise(changing, "--sequence", "three,other,three")
+    assert ended.returncode == 0, ended.stderr
+    assert max(map(len, ended.stdout.splitlines())) <= 80
+    said = " ".join(ended.stdout.split())
+    assert "the law survives a sudden change by up to +6.9" in said
+    assert "into other contact is lost from there" in said
+
+
+def test_the_picture_shows_every_trial(changing, tmp_path):
+    picture = tmp_path / "trials.svg"
+    ended = _poise(changing, "--sequence", "three,other", "--blind", "--plot", picture)
+    assert ended.returncode == 1  # blind
+    text = picture.read_text(encoding="utf-8")
+    for words in ("three, trial 1", "other, trial 2, from the estimate", "contact force [N]", "ankle angle [deg]",
+                  "settling [s]", "contact lost", "time [s]"):  # fmt: skip
+        assert words in text
+
+
+def test_lost_contact_is_exit_1_and_in_words(tmp_path):
+    file = tmp_path / "steep.toml"
+    file.write_text(SLOPE.replace("angle_deg = 3.0", "angle_deg = 9.0"), encoding="utf-8")
+    ended = _poise(file, "--trials", "2")
+    assert ended.returncode == 1
+    said = " ".join(ended.stdout.split())
+    assert "step, trial 1: contact is lost at the heel at" in said
+    facts = conduct(setting(load(str(file)).spec), trials=2).facts
+    assert facts["verdict"] == "violated"
+    assert facts["trials"][0]["fx_estimate_n"] is None
+    assert "trial 1 lost contact" in facts["trials"][1]["reason"]
+
+
+def test_too_coarse_a_step_is_undecided():
+    ended = _poise("slope-step", "--gains", "3500,1e6,1")
+    assert ended.returncode == 3
+    assert "UNDECIDED" in ended.stdout
+    assert "Traceback" not in ended.stderr
+    assert "Warning" not in ended.stderr
+
+
+def test_noise_and_another_body_are_drawn_by_the_seed(tmp_path):
+    file = tmp_path / "noisy.toml"
+    text = SLOPE + "\n[noise]\nangle_deg = 0.05\nforce_n = 3.0\n\n[uncertainty]\nmass_kg = { percent = 5.0 }\n"
+    file.write_text(text, encoding="utf-8")
+    asked = file, "--trials", "2", "--seed", "3"
+    one = json.loads(_poise(*asked, "--format", "json").stdout)
+    assert one["seed"] == 3
+    again = conduct(setting(load(str(file)).spec), trials=2, seed=3).facts
+    assert again["trials"] == one["trials"]
+    assert 47.5 <= one["series"][0]["body"]["mass_kg"] <= 52.5
+    assert one["series"][0]["body"]["mass_kg"] != 50.0
+    assert one["contraction"]["box"]["corners"] == 2
+    for trial in one["trials"]:
+        assert abs(trial["fy_error_n"]) <= trial["fy_bound_n"]
+    assert math.isclose(one["trials"][1]["desired_angle_deg"], -3.0, abs_tol=0.05)
+
+
+BAD = {
+    "no trials": (["slope-step", "--trials", "0"], "1"),
+    "unknown scenario": (["slope-step", "--scenario", "ramp"], "the spec has: step"),
+    "unknown in the sequence": (["slope-step", "--sequence", "step,ramp"], "names 'ramp'; the spec has: step"),
+    "an empty name": (["slope-step", "--sequence", "step,,step"], "the spec has: step"),
+    "lengths that differ": (["slope-step", "--sequence", "step,step", "--trials", "3"], "--trials is 3"),
+    "both": (["slope-step", "--sequence", "step", "--scenario", "step"], "leave out --scenario"),
+    "a picture of no kind": (["slope-step", "--plot", "trials.bmp"], ".bmp"),
+    "no such folder": (["slope-step", "-o", "/no/such/place.json"], "cannot be written"),
+    "bad gains": (["slope-step", "--gains", "1,2"], "--gains"),
+    "no spec": (["no-such-spec"], "no-such-spec"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_line_and_exit_2(case):
+    arguments, said = BAD[case]
+    ended = _poise(*arguments)
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert said in ended.stderr
+    assert "Traceback" not in ended.stderr

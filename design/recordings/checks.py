@@ -109,8 +109,13 @@ def _position_unit(ratio: float, quantity: Quantity) -> str:
     return "; give the units of cop, my and fz with --columns"
 
 
-def reach(cop: Array, quantity: Quantity, ell: float, seconds: float, file: str) -> None:
-    """Raise ``BadInput`` for a CoP [m] that moves more than two feet, or less than any person's can."""
+def reach(
+    cop: Array, quantity: Quantity, ell: float, seconds: float, file: str, *, confirmed: bool = False
+) -> list[str]:
+    """Refuse a CoP [m] that moves over more than two feet, or less than any person's can; remark on more than one.
+
+    ``confirmed``: its unit agrees with the moment's.
+    """
     low, high = np.percentile(cop, [2.0, 98.0])
     spread = float(high - low)
     where = f"column {quantity.columns}"
@@ -123,12 +128,18 @@ def reach(cop: Array, quantity: Quantity, ell: float, seconds: float, file: str)
             f" {fits or 'check columns and units'}"
         )
         raise BadInput(message, file=file, key=where)
-    if 1e-9 < spread < 5e-4 * ell and seconds > 2 and quantity.unit != "m":
+    if 1e-9 < spread < 0.01 * ell and seconds > 2 and quantity.unit != "m" and not confirmed:
         message = (
             f"CoP (read in {quantity.unit}) moves over only {1e3 * spread:.3g} mm, which no standing person's does;"
             f" is it in m? Give cop={quantity.columns}:m"
         )
         raise BadInput(message, file=file, key=where)
+    if spread > 2 * ell:
+        return [
+            f"CoP (column {quantity.columns}, read in {quantity.unit}) moves over {spread:.4g} m, more than the foot's"
+            f" {2 * ell:g} m: is the unit right?"
+        ]
+    return []
 
 
 def within(P: Array, ell: float, ankle: str, file: str) -> None:

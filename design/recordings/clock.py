@@ -117,7 +117,8 @@ def _regular_rate(stamps: Array, steps: Array, columns: Columns, table: Table) -
         what = "repeats the time before" if step == 0 else "goes back" if step < 0 else f"comes {step:.6g} s later"
         usually = "" if step <= 0 else f" (usually {usual:.6g} s)"
         more = f"; {int(odd.sum())} such steps" if odd.sum() > 1 else ""
-        hint = f"{1 / usual:.6g}" if usual > 0 else "HZ"
+        span = float(stamps.max() - stamps.min())
+        hint = f"{len(steps) / span:.4g}" if span > 0 else "HZ"
         if stamps[k + 1] <= stamps[0] + 0.5 * usual:
             message = (
                 f"begins again, {stamps[k]:.9g} to {stamps[k + 1]:.9g} s: more than one trial in the file; keep one"

@@ -232,10 +232,12 @@ def _check_enough(find: _Finder, roles: set[str]) -> None:
     if "fz" in roles and not find.ambiguous:
         message = f"has a vertical force but neither cop nor my was found; give them: {EXAMPLE}; its columns: {columns}"
     elif find.ambiguous:
-        which = "; ".join(f"{kind}: {', '.join(found)}" for kind, found in find.ambiguous.items())
+        which = "; ".join(f"{kind}: {listed(found, 12)}" for kind, found in find.ambiguous.items())
+        joined = ",".join(filter(None, (_joined(find, "fz", "force"), _joined(find, "cop", "cop"))))
+        example = f"--columns '{joined}'" if joined else EXAMPLE
         message = (
-            f"has more than one column of a kind ({which}); say which, or join plates with +, as"
-            f" --columns fz=Fz1+Fz2,cop=COPx1+COPx2; its columns: {columns}"
+            f"has more than one column of a kind ({which}); say which, or join plates with +, as {example}; its"
+            f" columns: {columns}"
         )
     else:
         message = (
@@ -243,6 +245,22 @@ def _check_enough(find: _Finder, roles: set[str]) -> None:
             f" or centre of gravity and ankles: {EXAMPLE}; its columns: {columns}"
         )
     raise BadInput(message, file=find.table.origin)
+
+
+def _joined(find: _Finder, role: str, kind: str) -> str:
+    """The plates' columns of a kind joined, as an example: the largest component of force, the first of CoP."""
+    axes: dict[str, list[int]] = {}
+    for index, each in find.known.items():
+        if each.kind == kind:
+            axes.setdefault(each.axis, []).append(index)
+    if not axes:
+        return ""
+
+    def size(axis: str) -> float:
+        return float(np.abs(np.nan_to_num(find.table.values[:, axes[axis][0]])).mean())
+
+    best = max(axes, key=size) if kind == "force" else min(axes)
+    return f"{role}=" + "+".join(find.table.names[index] for index in axes[best])
 
 
 def _quantity(find: _Finder, role: str, parts: Parts, loads: list[Array] | None) -> Quantity:

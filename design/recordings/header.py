@@ -69,7 +69,7 @@ def _is_units(cells: list[str]) -> bool:
 def _rate(lines: list[str]) -> tuple[float | None, list[str]]:
     """A sampling rate that the lines state, if they agree on one."""
     found: dict[float, str] = {}
-    for line, after in zip(lines, [*lines[1:], ""], strict=True):
+    for line, after in zip(lines, [*lines[1:], ""], strict=False):
         if match := _RATE.fullmatch(line.strip()):
             found.setdefault(float(match[2].replace(",", ".")), match[1])
         number = after.strip(" ,;\t")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from design.recordings.units import unit_of
 
 SCALARS = {
-    "time": "time t times timestamp timestamps abstime mocaptime elapsedtime times timesec timestampsec",
+    "time": "time t zeit temps tiempo tempo times timestamp timestamps abstime mocaptime elapsedtime",
     "angle": "angle theta ankleangle leanangle bodyangle swayangle",
     "rate": "rate omega angularrate angularvelocity anglerate thetadot ankleangularvelocity",
     "toe": "toeforce toe ft forcetoe",
@@ -33,9 +33,7 @@ _AXIS = re.compile(
     rf"(?P<word>{'|'.join(sorted(_WORD, key=len, reverse=True))})(?P<axis>[xyz])"
     r"(?P<post>net|total|sum|right|left|r|l|\d+)?"
 )
-_OPENSIM = re.compile(
-    r"(?P<pre>\d*)ground(?P<word>forcev|forcep|force\d+v|force\d+p|torque\d*|moment\d*m?)(?P<axis>[xyz])"
-)
+_OPENSIM = re.compile(r"(?P<pre>\d*)ground(?P<word>force\d*v|force\d*p)(?P<axis>[xyz])")
 _SUFFIX = re.compile(r"(.+?)_(rad_per_s|deg_per_s|[a-zA-Z]{1,3})")
 _WHOLE = {"net", "total", "sum", ""}
 
@@ -71,8 +69,7 @@ def _plain(name: str, unit: str | None) -> Known | None:
     if key in _ROLE:
         return Known(role=_ROLE[key], tag=number, unit=unit)
     if match := _OPENSIM.fullmatch(key):
-        word = re.sub(r"\d", "", match["word"])
-        kind = {"forcev": "force", "forcep": "cop"}.get(word, "moment")
+        kind = {"forcev": "force", "forcep": "cop"}[re.sub(r"\d", "", match["word"])]
         digits = re.sub(r"\D", "", match["word"])
         return Known(kind=kind, axis=match["axis"], tag=match["pre"] or digits or number, unit=unit)
     if match := _AXIS.fullmatch(key):

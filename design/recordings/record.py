@@ -215,7 +215,8 @@ class Trial:
                 notes.append("CoP from the moment: -my / fz")
         assert cop is not None
         source = self.columns.quantities.get("cop") or self.columns.quantities["my"]
-        checks.reach(cop[good], source, biped.ell, seconds, file)
+        confirmed = my is not None and "cop" in self.columns.quantities
+        warnings += checks.reach(cop[good], source, biped.ell, seconds, file, confirmed=confirmed)
         P, said = self._from_ankle(cop, good, assumed)
         checks.within(P[good], biped.ell, said, file)
         difference = P * load / biped.ell  # (18)

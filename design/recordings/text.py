@@ -31,15 +31,22 @@ CHUNK = 20_000
 
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """How the rows are written: ``delimiter`` (a space stands for any white space), ``decimal``, cells of a row."""
+    """How the rows are written: ``delimiter`` (a space stands for any white space), ``decimal``, ``cells`` of a row.
+
+    ``closed``: a delimiter stands after the last cell too.
+    """
 
     delimiter: str
     decimal: str
     cells: int
+    closed: bool = False
 
     def split(self, line: str) -> list[str]:
-        """The cells of a line, without the spaces around them."""
-        return split(line, self.delimiter)
+        """The cells of a line, without the spaces around them, and without the one after a delimiter that closes it."""
+        cells = split(line, self.delimiter)
+        if self.closed and len(cells) == self.cells + 1 and not cells[-1]:
+            cells.pop()
+        return cells
 
     def is_number(self, cell: str) -> bool:
         """Whether the cell is a number."""
@@ -137,10 +144,10 @@ def _form(lines: list[str], how: Reading, path: str) -> Form:
     found: list[tuple[float, Form]] = []
     for delimiter in [_delimiter(how.delimiter)] if how.delimiter else ["\t", ";", ",", " ", "|"]:
         for decimal in [_decimal(how.decimal)] if how.decimal else [".", ","]:
-            if decimal == delimiter:
+            if decimal == delimiter and not any('"' in line for line in tail):
                 continue
             part, form = _fit(tail, delimiter, decimal)
-            if part >= 0.5 and (form.cells > 1 or how.delimiter or delimiter == " "):
+            if part >= 0.25 and (form.cells > 1 or how.delimiter or delimiter == " "):
                 found.append((part, form))
     best = max((part for part, _ in found), default=0.0)
     forms = [form for part, form in found if part > best - 0.2]
@@ -167,19 +174,25 @@ def _form(lines: list[str], how: Reading, path: str) -> Form:
 
 
 def _fit(tail: list[str], delimiter: str, decimal: str) -> tuple[float, Form]:
-    """The part of the lines of ``tail`` that are rows under these signs, and the form with their number of cells."""
+    """How well the lines of ``tail`` are rows under these signs, and the form with their number of cells.
+
+    A line of numbers counts twice as much as one with other cells too.
+    """
     rows = [split(line, delimiter) for line in tail]
     plain = Form(delimiter=delimiter, decimal=decimal, cells=0)
-    counts: dict[int, int] = {}
+    counts: dict[int, float] = {}
     for cells in rows:
-        if 2 * plain.numbers(cells) >= len(cells) or (
-            plain.numbers(cells) and all(plain.is_number(cell) or cell.lower() in MISSING for cell in cells)
-        ):
-            counts[len(cells)] = counts.get(len(cells), 0) + 1
+        numbers = plain.numbers(cells)
+        if numbers and all(plain.is_number(cell) or cell.lower() in MISSING for cell in cells):
+            counts[len(cells)] = counts.get(len(cells), 0.0) + 1.0
+        elif 2 * numbers >= len(cells):
+            counts[len(cells)] = counts.get(len(cells), 0.0) + 0.5
     if not counts:
         return 0.0, plain
     usual = max(counts, key=lambda count: counts[count])
-    return counts[usual] / len(rows), Form(delimiter=delimiter, decimal=decimal, cells=usual)
+    closed = usual > 2 and delimiter != " " and all(not cells[-1] for cells in rows if len(cells) == usual)
+    form = Form(delimiter=delimiter, decimal=decimal, cells=usual - closed, closed=closed)
+    return counts[usual] / len(rows), form
 
 
 def _delimiter(text: str) -> str:
@@ -260,11 +273,15 @@ def _values(
 def _quick(form: Form, rows: list[str]) -> Array | None:
     """The numbers of ``rows`` if all of them are clean, else None."""
     if form.decimal == ",":
+        if form.delimiter == ",":
+            return None
         if any("." in line for line in rows):
             return None
         rows = [line.replace(",", ".") for line in rows]
     if any('"' in line for line in rows):
         return None
+    if form.closed:
+        rows = [line.rstrip().removesuffix(form.delimiter) for line in rows]
     try:
         found = np.loadtxt(
             rows, delimiter=None if form.delimiter == " " else form.delimiter, comments=None, ndmin=2, dtype=np.float64

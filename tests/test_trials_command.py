@@ -52,7 +52,7 @@ def test_the_table_fits_80_columns_and_the_improvement_is_a_sentence():
     assert more == pytest.approx(two - one, abs=2e-3)
     assert more > 0
     assert re.search(r"settles [\d.]+ s sooner", said)
-    assert "The trials contract: " in said
+    assert "In a world that stays the trials contract: " in said
     assert "Checked at 1 point of the box by simulation" in said
     assert len(re.findall(r"^\d step ", ended.stdout, re.MULTILINE)) == 3
 

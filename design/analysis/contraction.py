@@ -138,7 +138,7 @@ def contraction(setting: Setting, gains: Gains, scenarios: Sequence[Scenario]) -
     found = np.zeros(len(points))
     for back in np.linspace(0.0, mean, 11 if mean else 1):
         with np.errstate(all="ignore"):  # what grows without bound counts as infinite
-            part = np.abs((expm(B * np.maximum(T - back, 0.0)[:, None, None]) @ start[:, :, None])[:, 0, 0])
+            part = np.abs(_left(B, start, np.maximum(T - back, 0.0)))
         found = np.maximum(found, np.where(np.isfinite(part), part, np.inf))
     worst = int(np.argmax(found))
     lengths = {level: stays_below(B, start, level) for level in LEVELS}
@@ -217,20 +217,25 @@ def stays_below(B: Array, start: Array, level: float) -> float | None:
     count = max(2000, math.ceil(20 * horizon * float(np.abs(modes.imag).max()) / math.pi))
     count = min(count, FINEST)
     step = horizon / count
-    onward, state, last = expm(B * step), start[:, :, None], 0
+    onward, state, last = expm(B * step), start, 0
     for k in range(1, count + 1):
-        state = onward @ state
-        if np.abs(state[:, 0, 0]).max() >= level:
+        state = np.einsum("nij,nj->ni", onward, state)  # on small matrices the threads of @ wait longer than they work
+        if np.abs(state[:, 0]).max() >= level:
             last = k
 
     def largest(T: float) -> float:
-        return float(np.abs((expm(B * T) @ start[:, :, None])[:, 0, 0]).max())
+        return float(np.abs(_left(B, start, np.full(len(B), T))).max())
 
     low, high = last * step, (last + 1) * step
     while high - low > 1e-6 * horizon:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if largest(middle) >= level else (low, middle)
     return high
+
+
+def _left(B: Array, start: Array, T: Array) -> Array:
+    """The factors rho (n,) of ``B`` (n, 3, 3) and ``start`` (n, 3), each at its own T (n,)."""
+    return np.asarray(np.einsum("nj,nj->n", expm(B * T[:, None, None])[:, 0], start))
 
 
 def _stacked(points: Sequence[Point], kind: LawKind, adapt: float) -> tuple[Array, Array]:

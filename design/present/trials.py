@@ -92,7 +92,7 @@ def findings(document: Facts) -> list[tuple[str, str]]:
             found.append((_gain(trials[0]["scenario"], series), "good"))
         found += _ends(trials)
         found += _starts(trials)
-    found += [(each, "") for each in _survived(document["survives"] or ())]
+    found += [(each, "") for each in _survived(document["survives"])]
     found.append(_contraction(document["contraction"], document["law"]))
     return found
 
@@ -162,14 +162,16 @@ def _starts(trials: Iterable[Facts]) -> list[tuple[str, str]]:
 
 
 def _survived(survives: Iterable[Facts]) -> list[str]:
-    words = {True: "contact is kept", False: "contact is lost", None: "nothing is known"}
-    return [
-        f"Standing on what trial {each['after_trial']} found ({each['scenario']}, {each['of']}"
-        f" {number(each['from'], 4)} {each['unit']}), the law survives a sudden change by up to"
-        f" +{number(each['up'], 4)} and {number(each['down'], 4)} {each['unit']}; into {each['next']}"
-        f" {words[each['kept_from_the_estimate']]} from there."
-        for each in survives
-    ]
+    words = {True: "contact is kept", False: "contact is lost"}
+    found = []
+    for each in survives:
+        text = f"Standing on what trial {each['after_trial']} found ({each['scenario']}, {each['of']}"
+        text += f" {number(each['from'], 4)} {each['unit']}), the law survives a sudden change by up to"
+        text += f" +{number(each['up'], 4)} and {number(each['down'], 4)} {each['unit']}"
+        if each["kept_from_the_estimate"] is not None:
+            text += f"; into {each['next']} {words[each['kept_from_the_estimate']]} from there"
+        found.append(text + ".")
+    return found
 
 
 def _contraction(found: Facts, law: str) -> tuple[str, str]:
@@ -180,7 +182,7 @@ def _contraction(found: Facts, law: str) -> tuple[str, str]:
         where += f" of the box of [uncertainty] ({box['corners']} corners, {box['drawn']} drawn) and the scenarios"
     else:
         where += " of the scenarios (no [uncertainty]: the nominal body)"
-    text = f"{'The trials contract' if found['contracts'] else 'The trials do not contract'}: {left}{where}"
+    text = f"In a world that stays the trials {'contract' if found['contracts'] else 'do not contract'}: {left}{where}"
     one, tenth = found["stays_below_1_from_s"], found["stays_below_0.1_from_s"]
     if one is not None:
         text += f"; less than all of it from {number(one, 4)} s on, less than a tenth from {number(tenth, 4)} s on"

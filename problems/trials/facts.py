@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -78,7 +79,7 @@ def facts(setting: Setting, gains: Gains, found: Sequence[Series], *, sequence: 
         "contraction": _contraction(
             contraction(setting, gains, [scenario for scenario in setting.scenarios if scenario.name in names])
         ),
-        "survives": [each for series in found for each in _survives(setting, series)] if sequence else None,
+        "survives": [each for series in found for each in _survives(setting, series)],
     }
 
 
@@ -185,21 +186,28 @@ def _contraction(found: Contraction) -> dict[str, Any]:
 
 
 def _survives(setting: Setting, series: Series) -> list[dict[str, Any]]:
-    """For every trial after which the scenario is another: what is survived from the start that its estimate gives."""
+    """After each trial that is followed by another scenario, and after the last: what its estimate's start survives.
+
+    ``next`` and whether contact is kept in it are None after the last. Nothing is said of an end that is not at rest.
+    """
     found = []
-    for trial, after in zip(series.trials, series.trials[1:], strict=False):
-        if after.run.scenario == trial.run.scenario or trial.reading is None:
+    for trial, after in zip_longest(series.trials, series.trials[1:]):
+        same = after is not None and after.run.scenario == trial.run.scenario
+        if same or trial.reading is None or not trial.reading.stationary:
             continue
         most = change(looped(setting, series.biped, trial.reading.theta), series.gains, trial.scenario, setting.step)
         unit, scale = ("deg", math.degrees(1.0)) if most.slope else ("N", 1.0)
-        used = after.refused[1] if after.refused else after.run if after.start.estimated else None
-        blind = None if used is None else used.lost_contact is None and used.fallen is None
+        used = None
+        if after is not None:
+            used = after.refused[1] if after.refused else after.run if after.start.estimated else None
         found.append(
             {
-                "after_trial": trial.number, "scenario": trial.run.scenario, "next": after.run.scenario,
+                "after_trial": trial.number, "scenario": trial.run.scenario,
+                "next": after.run.scenario if after else None,
                 "of": "slope" if most.slope else "horizontal force", "unit": unit,
                 "from": scale * most.start, "up": scale * most.up, "down": scale * most.down,
-                "kept_from_the_estimate": blind, "kept": after.kept,
+                "kept_from_the_estimate": None if used is None else used.lost_contact is None and used.fallen is None,
+                "kept": after.kept if after else None,
             }
         )  # fmt: skip
     return found

@@ -183,7 +183,8 @@ def test_where_the_estimate_is_nearer_than_the_spec_it_is_said(changed):
 
 
 def test_what_the_law_survives_is_the_end_of_what_the_equations_survive(changed):
-    assert [each["next"] for each in changed["survives"]] == ["six", "other", "same"]
+    assert [each["next"] for each in changed["survives"]] == ["six", "other", "same", None]
+    assert changed["survives"][3]["kept_from_the_estimate"] is None
     for each in changed["survives"][:2]:
         start = math.radians(each["from"])
         for end in ("up", "down"):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from design.spec.load import load
+from design.spec.load import load, parse
 from design.spec.setting import setting
 from problems.trials import conduct
 
@@ -135,6 +135,47 @@ def test_noise_and_another_body_are_drawn_by_the_seed(tmp_path):
     for trial in one["trials"]:
         assert abs(trial["fy_error_n"]) <= trial["fy_bound_n"]
     assert math.isclose(one["trials"][1]["desired_angle_deg"], -3.0, abs_tol=0.05)
+
+
+def test_the_numbers_of_the_readme_are_what_is_found():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    section = readme.split("## The next trial\n")[1].split("\n## ")[0]
+    shown = re.findall(r"^    (poise .*)$|^    ([#\d] .*)$", section, re.MULTILINE)
+    printed = _poise(*shown[0][0].split()[2:]).stdout
+    for _, line in shown[1:]:  # the error of trial 2 is rounding
+        assert re.sub(r"[\d.]+e-12$", "", line) in printed
+    said = " ".join(section.split())
+
+    def facts(text, **asked):
+        return conduct(setting(parse(text, origin="mine").spec), **asked).facts
+
+    (more, _), (sooner, _) = (_gain(facts(SLOPE, trials=2), key) for key in ("contact_force_n", "settling_s"))
+    assert f"keeps {more:.1f} N more under the foot and settles {sooner:.2f} s sooner" in said
+    wind = '[[scenarios]]\nname = "w"\nkind = "force"\nfx_n = 25.0\nramp_s = 0.0\nduration_s = 10.0\n\n'
+    blown = facts(HEAD + wind + TAIL, trials=2)
+    assert f"it is {_gain(blown, 'contact_force_n')[0]:.1f} N more, and {_gain(blown, 'settling_s')[0]:.3f} s" in said
+    ramp = facts(load("slope").text, trials=2)["trials"][1]
+    for number in ("184 N m", "49.1 N m"):
+        assert number in ramp["reason"]
+        assert number in said
+    assert ramp["refused"]["lost_contact"]["time_s"] <= 0.001
+    assert f"to −{-ramp['refused']['contact_force_n']:.0f} N, where the spec's start keeps" in said
+    assert f"keeps {ramp['contact_force_n']:.1f} N. So" in said
+    slopes = "".join(_scenario(name, angle, 10.0) for name, angle in (("three", 3.0), ("six", 6.0), ("other", -3.0)))
+    three, six, _ = facts(HEAD + slopes + TAIL, sequence="three,six,other")["survives"]
+    assert f"sudden change by +{three['up']:.1f}° and −{-three['down']:.1f}°" in said
+    assert f"on 6° by +{six['up']:.1f}° and −{-six['down']:.1f}°" in said
+    assert (three["kept_from_the_estimate"], six["kept_from_the_estimate"]) == (True, False)
+    left = facts(SLOPE, trials=1)["contraction"]
+    assert f"gains from {left['stays_below_1_from_s']:.3f} s on" in said
+    assert f"after {left['stays_below_0.1_from_s']:.2f} s and {left['factor']:.1e} after 10 s" in said
+    pd = conduct(setting(load("slope-step").spec).with_law("pd"), trials=1).facts["contraction"]
+    assert f"K_p/(K_p − A L) = {pd['limit']:.3f}" in said
+
+
+def _gain(found, key):
+    one, two, more = found["series"][0]["second_over_first"][key]
+    return more, (one, two)
 
 
 BAD = {

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 SCAN = 10
 """Changes that are tried before bisection, each a fifth of what a body at rest on level ground can survive at all."""
-FINE = 1e-3
+FINE = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -22,6 +20,9 @@ from design.spec.load import Source, load
 from design.spec.setting import setting
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
+
+ROWS = 50_000
+"""Rows of CSV that are made at a time."""
 
 ASSUMED_SPEC = "adult-slope"
 """Whose foot is taken where no spec is given."""
@@ -246,15 +247,15 @@ def as_csv(result: Measured) -> str:
         "rate_rad_per_s": record.omega, "torque_nm": record.torque, "fx_estimate_n": found.F_x,
         "fy_estimate_n": found.F_y,
     }  # fmt: skip
-    valid = record.valid.tolist()
-    parts = [
-        [""] * len(valid)
-        if values is None
-        else [repr(x) if ok else "" for x, ok in zip(values.tolist(), valid, strict=True)]
-        for values in columns.values()
-    ]
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["time_s", *columns, "valid"])
-    writer.writerows(zip(map(repr, record.t.tolist()), *parts, map(int, valid), strict=True))
-    return out.getvalue()
+    text = [",".join(["time_s", *columns, "valid"])]
+    for first in range(0, len(record.t), ROWS):
+        part = slice(first, first + ROWS)
+        usable = record.valid[part]
+        cells = [map(repr, record.t[part].tolist())]
+        for values in columns.values():
+            known = usable & np.isfinite(values[part]) if values is not None else np.zeros_like(usable)
+            numbers = known.astype(float) if values is None else values[part]
+            cells.append(repr(x) if ok else "" for x, ok in zip(numbers.tolist(), known.tolist(), strict=True))
+        cells.append(map(str, usable.astype(int).tolist()))
+        text.append("\n".join(map(",".join, zip(*cells, strict=True))))
+    return "\n".join(text) + "\n"

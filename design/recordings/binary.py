@@ -14,7 +14,7 @@ import numpy as np
 
 from design.errors import BadInput
 from design.recordings.table import MAX_BYTES, MAX_CELLS, Array, Fault, Table, check_cells, unique
-from design.recordings.units import split, unit_of
+from design.recordings.units import factor, split, unit_of
 
 INSTALL = "pip install 'poise[c3d]'"
 _RATES = {"rate", "rate_hz", "fs", "frequency", "sampling_rate", "sample_rate"}
@@ -141,20 +141,39 @@ def c3d(content: bytes, path: str) -> Table:
     if whole is None:
         message = "has no force plates (FORCE_PLATFORM:USED is 0); needs one; export markers as CSV"
         raise BadInput(message, file=path)
-    return _of_plates(whole["data"]["platform"], float(whole["header"]["analogs"]["frame_rate"]), path)
+    parameters = whole["parameters"]
+    units = [_c3d_units(parameters, plate) for plate in range(len(whole["data"]["platform"]))]
+    return _of_plates(whole["data"]["platform"], units, float(whole["header"]["analogs"]["frame_rate"]), path)
 
 
-def _of_plates(plates: list[Any], rate: float, path: str) -> Table:
+def _c3d_units(parameters: Any, plate: int) -> tuple[str | None, str | None, str | None]:
+    """Units of a plate's force, moment and position, as its analog channels and the points state them."""
+
+    def values(group: str, name: str) -> list[Any]:
+        return np.asarray(parameters.get(group, {}).get(name, {}).get("value", [])).ravel(order="F").tolist()
+
+    analog, points = values("ANALOG", "UNITS"), values("POINT", "UNITS")
+    channels = np.asarray(parameters.get("FORCE_PLATFORM", {}).get("CHANNEL", {}).get("value", []))
+    own = channels[:, plate].astype(int).tolist() if channels.ndim == 2 and plate < channels.shape[1] else []
+    stated = [unit_of(str(analog[k - 1])) if 0 < k <= len(analog) else None for k in own]
+    force = next((unit for unit in stated if unit and factor(unit, "force")), None)
+    moment = next((unit for unit in stated if unit and factor(unit, "moment")), None)
+    return force, moment, unit_of(str(points[0])) if points else None
+
+
+def _of_plates(
+    plates: list[Any], stated: list[tuple[str | None, str | None, str | None]], rate: float, path: str
+) -> Table:
     names: list[str] = []
     units: list[str | None] = []
     columns: list[Array] = []
-    for number, plate in enumerate(plates, start=1):
+    kinds = (("F", "force"), ("M", "moment"), ("COP", "center_of_pressure"))
+    for number, (plate, its) in enumerate(zip(plates, stated, strict=True), start=1):
         tag = str(number) if len(plates) > 1 else ""
-        for prefix, key, unit in (("F", "force", "unit_force"), ("M", "moment", "unit_moment"),
-                                  ("COP", "center_of_pressure", "unit_position")):  # fmt: skip
+        for (prefix, key), unit in zip(kinds, its, strict=True):
             for axis, array in zip("xyz", np.asarray(plate[key], dtype=np.float64), strict=True):
                 names.append(f"{prefix}{axis}{tag}")
-                units.append(unit_of(str(plate.get(unit, ""))) if plate.get(unit) else None)
+                units.append(unit)
                 columns.append(array)
     if not columns or not len(columns[0]):
         message = "has force plates but no samples of them; export it again with its analog channels"

@@ -65,14 +65,14 @@ def _why(ratio: float, quantity: Quantity) -> str:
     return "; give the right column and unit: --columns fz=COLUMN:UNIT"
 
 
-def agreement(cop: Array, other: Array, tilt: Array | None, quantity: Quantity, formula: str, file: str) -> list[str]:
+def agreement(cop: Array, other: Array, tilt: Array | None, quantity: Quantity, formula: str, file: str) -> str:
     """Compare the file's CoP [m] with ``other`` [m], the one by ``formula``; a constant offset is none of a unit.
 
     ``tilt`` = f_x / load: the lever of a plate's cover or of its origin adds a multiple of it.
     """
     where = f"column {quantity.columns}"
     if max(cop.std(), other.std()) < 1e-6:
-        return []
+        return ""
     base = [other - other.mean()] + ([] if tilt is None or tilt.std() < 1e-9 else [tilt - tilt.mean()])
     coefficients, *_ = np.linalg.lstsq(np.column_stack(base), cop - cop.mean(), rcond=None)
     slope = float(coefficients[0])
@@ -90,7 +90,8 @@ def agreement(cop: Array, other: Array, tilt: Array | None, quantity: Quantity, 
         offset = float((cop - other).mean())
         most = float(np.abs(cop - other - offset).max())
         apart = f", {1e3 * offset:+.1f} mm apart" if abs(offset) > 1e-3 else ""
-        return [f"CoP equals {formula} within {1e3 * most:.2g} mm{apart}"]
+        off = "" if 0.97 < slope < 1.03 else f", though {slope:.3g} times as large"
+        return f"CoP equals {formula} within {1e3 * most:.2g} mm{apart}{off}"
     if -1.25 < slope < -0.8:
         message = (
             f"CoP is minus {formula}: the sign of the moment, or of the axis; give my=-COLUMN, or --forward with the"

@@ -118,7 +118,8 @@ def _regular_rate(stamps: Array, steps: Array, columns: Columns, table: Table) -
         usually = "" if step <= 0 else f" (usually {usual:.6g} s)"
         more = f"; {int(odd.sum())} such steps" if odd.sum() > 1 else ""
         span = float(stamps.max() - stamps.min())
-        hint = f"{len(steps) / span:.4g}" if span > 0 else "HZ"
+        guess = 1 / usual if usual > 0 and odd.mean() < 0.02 else len(steps) / span if span > 0 else 0.0
+        hint = f"{guess:.4g}" if guess > 0 else "HZ"
         if stamps[k + 1] <= stamps[0] + 0.5 * usual:
             message = (
                 f"begins again, {stamps[k]:.9g} to {stamps[k + 1]:.9g} s: more than one trial in the file; keep one"

@@ -139,15 +139,14 @@ def _vertical(find: _Finder) -> str:
     if force:
         what = "force"
         for axis, index in force.items():
-            column = find.table.values[:, index]
+            column = find.table.values[:, index] * FACTORS["force"].get(find.table.units[index] or "N", 1.0)
             loaded = column[np.isfinite(column) & (column != 0)]
             sizes[axis] = abs(float(np.median(loaded))) if len(loaded) else 0.0
     elif body:
         what = "height of the centre of gravity"
         for axis, index in body.items():
-            low = [np.nanmean(find.table.values[:, each]) for each in ankle.get(axis, ())]
-            column = find.table.values[:, index]
-            sizes[axis] = abs(float(np.nanmean(column)) - (float(np.mean(low)) if low else 0.0))
+            low = [_mean(find.table.values[:, each]) for each in ankle.get(axis, ())]
+            sizes[axis] = abs(_mean(find.table.values[:, index]) - (float(np.mean(low)) if low else 0.0))
     else:
         return wish or ""
     ranked = sorted(sizes, key=lambda axis: -sizes[axis])
@@ -167,6 +166,11 @@ def _vertical(find: _Finder) -> str:
         raise BadInput(message, file=find.table.origin)
     find.said.append(f"{top} points up (mean {what}: {figures})")
     return top
+
+
+def _mean(column: Array) -> float:
+    known = column[np.isfinite(column)]
+    return float(known.mean()) if len(known) else 0.0
 
 
 def _forward(find: _Finder, up: str) -> str:

@@ -197,9 +197,11 @@ class Trial:
             with np.errstate(all="ignore"):
                 P = np.where(good, (toe - heel) * biped.ell / np.where(load == 0, np.nan, load), np.nan)  # (18)
             if cop is not None:
-                notes += checks.agreement(
-                    cop[good], P[good], None, self.columns.quantities["cop"], "(F_T - F_H) ell / (F_T + F_H)", file
-                )
+                if not given:
+                    biped, P = _with_foot(biped, cop, P, good, assumed)
+                formula = "(F_T - F_H) ell / (F_T + F_H)"
+                said = checks.agreement(cop[good], P[good], None, self.columns.quantities["cop"], formula, file)
+                (warnings if "times" in said else notes).extend(filter(None, [said]))
             return _Contact(biped=biped, empty=empty, load=load, F_T=toe, F_H=heel, P=P, cop=P if cop is None else cop,
                             horizontal=horizontal)  # fmt: skip
         if my is not None:
@@ -207,9 +209,8 @@ class Trial:
                 moment = np.where(good, -my / np.where(load == 0, np.nan, load), np.nan)
             if cop is not None:
                 tilt = None if horizontal is None else (horizontal / np.where(load == 0, np.nan, load))[good]
-                notes += checks.agreement(
-                    cop[good], moment[good], tilt, self.columns.quantities["cop"], "-my / fz", file
-                )
+                said = checks.agreement(cop[good], moment[good], tilt, self.columns.quantities["cop"], "-my / fz", file)
+                (warnings if "times" in said else notes).extend(filter(None, [said]))
             else:
                 cop = moment
                 notes.append("CoP from the moment: -my / fz")
@@ -271,6 +272,19 @@ class _Contact:
     P: Array | None = None
     cop: Array | None = None
     horizontal: Array | None = None
+
+
+def _with_foot(biped: Biped, cop: Array, P: Array, good: Flags, assumed: list[str]) -> tuple[Biped, Array]:
+    """The foot whose CoP by (18) is the file's, and this CoP; ``P`` is that of the foot of ``biped``."""
+    if P[good].std() < 1e-6:
+        return biped, P
+    ratio = float(np.polyfit(P[good], cop[good], 1)[0])
+    if not 0.2 < ratio < 5:
+        return biped, P
+    assumed[:] = [said for said in assumed if not said.startswith("foot ")]
+    biped = replace(biped, ell=ratio * biped.ell)
+    assumed.append(f"{biped.ell:.4g} m from ankle to toe and heel, as toe force, heel force and CoP say (give --spec)")
+    return biped, ratio * P
 
 
 def _either(time: Clock, flags: Flags) -> Flags:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +90,8 @@ def read(content: bytes, path: str, how: Reading) -> Table:
         raise BadInput(message, file=path)
     form = _form([lines[index] for index in filled], how, path)
     start = _first_row(form, lines, filled, path)
-    above = [index for index in filled[:start]]
+    above = filled[:start]
+    form = _with_named_end(form, [lines[index] for index in above[-3:]])
     header = understand(lines, above, form.split, form.cells)
     _check_commas(form, header, lines, filled[start:], how, path)
     if not any(form.is_number(cell) and ("." in cell or "," in cell) for cell in form.split(lines[filled[start]])):
@@ -185,7 +186,7 @@ def _fit(tail: list[str], delimiter: str, decimal: str) -> tuple[float, Form]:
         numbers = plain.numbers(cells)
         if numbers and all(plain.is_number(cell) or cell.lower() in MISSING for cell in cells):
             counts[len(cells)] = counts.get(len(cells), 0.0) + 1.0
-        elif 2 * numbers >= len(cells):
+        elif numbers and 2 * numbers >= len(cells):
             counts[len(cells)] = counts.get(len(cells), 0.0) + 0.5
     if not counts:
         return 0.0, plain
@@ -219,9 +220,28 @@ def _first_row(form: Form, lines: list[str], filled: list[int], path: str) -> in
     if whole is None:
         message = "has no row of numbers; say --delimiter, --decimal and --skip-rows"
         raise BadInput(message, file=path)
-    while whole > 0 and form.cells > 2 and form.is_rather_a_row(lines[filled[whole - 1]]):
+    while whole > 0 and _is_damaged(form, lines[filled[whole - 1]]):
         whole -= 1
     return whole
+
+
+def _with_named_end(form: Form, above: list[str]) -> Form:
+    """The form with its last, empty column where a line of the header names it."""
+    if form.closed and any(
+        len(cells) == form.cells + 1 and cells[-1] for cells in (split(x, form.delimiter) for x in above)
+    ):
+        return replace(form, cells=form.cells + 1, closed=False)
+    return form
+
+
+def _is_damaged(form: Form, line: str) -> bool:
+    """Whether a line above the rows is one of them, with a cell too few, too many, or unreadable."""
+    cells = form.split(line)
+    numbers = form.numbers(cells)
+    return numbers > 0 and (
+        all(form.is_number(cell) or cell.lower() in MISSING for cell in cells if cell)
+        or (form.cells > 2 and len(cells) > 2 and 2 * numbers >= len(cells))
+    )
 
 
 def _check_commas(form: Form, header: Header, lines: list[str], rows: list[int], how: Reading, path: str) -> None:

@@ -1,0 +1,235 @@
+"""Every fault of measured data ends in one line that says where and what to do, or in a mask that is counted."""
+
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from design.errors import BadInput
+from design.model.body import Biped
+from design.recordings import table
+from design.recordings.reading import Reading
+from design.recordings.record import open_record
+
+BODY = Biped(M=68.0, L=0.92, I=70.0, m=2.0, ell=0.12)
+N = 200
+T = np.arange(N) / 100
+COP = 0.03 * np.sin(2 * T)
+FZ = 690 + 2 * np.cos(5 * T)
+THETA = 0.02 * np.sin(2 * T)
+
+
+def text(*columns, names="Time,Fz,COPx"):
+    return (
+        names + "\n" + "".join(",".join(f"{x:.6f}" for x in row) + "\n" for row in zip(*columns, strict=True))
+    ).encode()
+
+
+def read(path, content, given=True, **how):
+    path.write_bytes(content)
+    return open_record(str(path), Reading(**how), BODY, given=given)
+
+
+def refusal(path, content, given=True, **how):
+    with pytest.raises(BadInput) as caught:
+        read(path, content, given, **how)
+    said = str(caught.value)
+    assert "\n" not in said
+    return said
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "trial.csv"
+
+
+def changed(**cells):
+    """The plain table with some cells replaced: ``line_column="text"``."""
+    lines = text(T, FZ, COP).decode().splitlines()
+    for key, value in cells.items():
+        line, column = (int(part) for part in key.removeprefix("at_").split("_"))
+        row = lines[line - 1].split(",")
+        row[column - 1] = value
+        lines[line - 1] = ",".join(row)
+    return "\n".join(lines).encode()
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"), [("abc", "'abc'"), ("NaN", "'NaN'"), ("", "is empty"), ("inf", "'inf'"), ("1,2", "4 cells")]
+)
+def test_a_cell_that_is_no_number_is_named_by_line_and_column_or_masked(file, cell, said):
+    content = changed(at_51_2=cell, at_80_2=cell)
+    refused = refusal(file, content)
+    assert "line 51" in refused
+    assert said in refused
+    assert "1 more" in refused
+    if cell != "1,2":
+        assert "column Fz" in refused
+    found = read(file, content, allow_gaps=True)
+    assert np.flatnonzero(found.gaps).tolist() == [49, 78]
+    assert np.flatnonzero(~found.valid).tolist() == [49, 78]
+    assert not found.dropouts.any()
+
+
+def test_rows_without_load_are_masked_and_counted(file):
+    load = FZ.copy()
+    load[[20, 21, 22, 150]] = 0.0
+    load[60] = 8.0
+    cop = np.where(load < 10, 0.0, COP)
+    found = read(file, text(T, load, cop))
+    assert np.flatnonzero(found.dropouts).tolist() == [20, 21, 22, 60, 150]
+    assert [count for *_, count in found.spans(found.dropouts)] == [3, 1, 1]
+    assert found.load[found.valid].mean() == pytest.approx(np.delete(FZ, [20, 21, 22, 60, 150]).mean())
+
+
+def test_a_plate_that_nobody_stands_on_is_refused(file):
+    assert "zero in every row" in refusal(file, text(T, 0 * T, COP))
+
+
+@pytest.mark.parametrize(
+    ("stamps", "said"),
+    [
+        (np.where(np.arange(N) == 70, T[69], T), "repeats the time before"),
+        (np.where(np.arange(N) == 70, T[60], T), "goes back"),
+        (T + 0.5 * (np.arange(N) >= 70), "comes 0.51 s later"),
+    ],
+    ids=["duplicate", "backward", "hole"],
+)
+def test_irregular_time_stamps_are_refused_by_line_or_resampled_with_a_note(file, stamps, said):
+    content = text(stamps, FZ, COP)
+    refused = refusal(file, content)
+    assert "line 72, column Time" in refused
+    assert said in refused
+    assert "--resample 100," in refused
+    found = read(file, content, resample=50.0)
+    assert np.diff(found.t) == pytest.approx(0.02)
+    assert any("resampled to 50 Hz" in note for note in found.notes)
+    if "later" in said:
+        assert not found.valid[int(0.9 * 50)]
+        assert found.valid[-1]
+    else:
+        assert found.valid.all()
+    told = read(file, content, rate=100.0)
+    assert told.t == pytest.approx(T)
+    assert any("column Time is not used" in note for note in told.notes)
+
+
+def test_rounded_time_stamps_are_regular(file):
+    found = read(file, text(np.round(T / 1.2, 3), FZ, COP))
+    assert found.rate == pytest.approx(120, rel=1e-3)
+
+
+@pytest.mark.parametrize("count", [1, 3, 7, 15])
+def test_a_recording_shorter_than_the_window_is_refused(file, count):
+    assert "too short" in refusal(file, text(T[:count], FZ[:count], COP[:count])) or count == 1
+
+
+def test_a_force_on_the_plate_is_turned_with_a_note(file):
+    found = read(file, text(T, -FZ, COP))
+    assert found.load == pytest.approx(FZ, abs=1e-5)
+    assert any("force on the plate" in note for note in found.notes)
+
+
+def test_a_cop_in_centimetres_without_a_unit_is_refused(file):
+    refused = refusal(file, text(T, FZ, 100 * COP))
+    for word in ("moves over", "read in m", "cop=COPx:cm"):
+        assert word in refused
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1 / 9.80665, "kgf"), (1 / 4.448, "lbf"), (1e-3, "kN")])
+@pytest.mark.parametrize("given", [True, False], ids=["spec", "no spec"])
+def test_a_force_in_another_unit_is_refused_with_the_unit_that_fits(file, factor, unit, given):
+    refused = refusal(file, text(T, factor * FZ, COP), given=given)
+    assert f"fz=Fz:{unit}" in refused
+    found = read(file, text(T, factor * FZ, COP), columns=f"fz=Fz:{unit}")
+    assert found.load == pytest.approx(FZ, rel=1e-3)
+
+
+def test_an_angle_in_degrees_read_as_radians_is_refused(file):
+    names = "Time,theta,toe_force,heel_force"
+    refused = refusal(file, text(T, 50 * THETA / 0.02, FZ / 2, FZ / 2, names=names))
+    assert "angle=theta:deg" in refused
+    names = "Time,theta,rate,toe_force,heel_force"
+    refused = refusal(file, text(T, np.degrees(THETA), 0.04 * np.cos(2 * T), FZ / 2, FZ / 2, names=names))
+    assert "times the derivative of the angle" in refused
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "is empty"),
+        (b"\n\n  \n", "has no rows"),
+        (b"Time,Fz,COPx\n", "no rows of numbers"),
+        (b"just some words\nand more of them\n", "no rows of numbers"),
+        (bytes(range(256)) * 8, "not a text file"),
+        (b"MATLAB 7.3 MAT-file, Platform: GLNXA64", "MATLAB v7.3"),
+        (b"\x89HDF\r\n\x1a\n" + bytes(100), "HDF5"),
+        (b"MATLAB 5.0 MAT-file", "writetable"),
+        (b"\x1f\x8b\x08" + bytes(50), "gzip"),
+        (b"%PDF-1.4", "PDF"),
+        (b"\x93NUMPY\x01\x00" + bytes(30), "damaged NumPy file"),
+        (b"PK\x03\x04 not really", "damaged .npz"),
+    ],
+)
+def test_a_file_of_another_kind_is_refused_by_its_kind(file, content, said):
+    assert said in refusal(file, content)
+
+
+def test_numpy_files_with_objects_or_unequal_columns_are_refused(tmp_path):
+    out = io.BytesIO()
+    np.savez(out, bad=np.array([{}, 1], dtype=object))
+    assert "Python objects" in refusal(tmp_path / "a.npz", out.getvalue())
+    out = io.BytesIO()
+    np.savez(out, Fz=FZ, COPx=COP[:-1])
+    assert "of one length" in refusal(tmp_path / "b.npz", out.getvalue())
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        archive.writestr("xl/workbook.xml", "x")
+    assert "a spreadsheet" in refusal(tmp_path / "c.xlsx", out.getvalue())
+
+
+def test_a_file_that_would_fill_the_memory_is_refused(file, monkeypatch):
+    monkeypatch.setattr(table, "MAX_BYTES", 1000)
+    assert "more than" in refusal(file, text(T, FZ, COP))
+    monkeypatch.undo()
+    monkeypatch.setattr(table, "MAX_CELLS", 100)
+    assert "cells" in refusal(file, text(T, FZ, COP))
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"columns": "fz"}, "NAME=COLUMN"),
+        ({"columns": "load=Fz"}, "there are: time"),
+        ({"columns": "angel=Fz"}, "did you mean angle"),
+        ({"columns": "fz=Fy"}, "its columns: Time, Fz, COPx"),
+        ({"columns": "fz=Fz:m"}, "allowed: N, kN"),
+        ({"columns": "fz=Fz,fz=Fz"}, "twice"),
+        ({"delimiter": "xy"}, "--delimiter"),
+        ({"decimal": "x"}, "--decimal"),
+        ({"skip_rows": 9999}, "--skip-rows"),
+        ({"rate": -1.0}, "--rate"),
+        ({"rate": float("nan")}, "--rate"),
+        ({"resample": 1e9}, "--resample"),
+        ({"up": "x"}, "--up"),
+        ({"forward": "up"}, "--forward"),
+        ({"forward": "z"}, "--forward"),
+        ({"ankle": "here"}, "--ankle"),
+        ({"ankle": "3:N"}, "--ankle"),
+        ({"ankle": "nan"}, "--ankle"),
+    ],
+)
+def test_an_option_that_cannot_be_meant_is_named(file, how, said):
+    assert said in refusal(file, text(T, FZ, COP), **how)
+
+
+def test_without_the_reader_of_c3d_files_the_install_line_is_shown(tmp_path, monkeypatch):
+    import sys
+
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    header = bytearray(2048)
+    header[0], header[1] = 2, 0x50
+    header[2:10] = b"\x01\x00\x00\x00\x01\x00\x01\x00"
+    header[16:18] = b"\x03\x00"
+    assert "pip install 'poise[c3d]'" in refusal(tmp_path / "trial.c3d", bytes(header))

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from design.present.plots import figure_bytes
+from design.present.trials_plots import trials_figure
 from design.spec.load import load, parse
 from design.spec.setting import setting
 from problems.trials import conduct
@@ -97,6 +99,14 @@ def test_the_picture_shows_every_trial(changing, tmp_path):
     for words in ("three, trial 1", "other, trial 2, from the estimate", "contact force [N]", "ankle angle [deg]",
                   "settling [s]", "contact lost", "time [s]"):  # fmt: skip
         assert words in text
+
+
+def test_a_picture_is_drawn_of_trials_that_all_fail():
+    steep = setting(parse(SLOPE.replace("angle_deg = 3.0", "angle_deg = 9.0"), origin="mine").spec)
+    found = conduct(steep, trials=2)
+    figure = trials_figure(found.facts, found.pictures, "steep")
+    assert figure_bytes(figure, "png").startswith(b"\x89PNG")
+    assert len(figure.axes) == 9
 
 
 def test_lost_contact_is_exit_1_and_in_words(tmp_path):

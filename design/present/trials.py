@@ -37,6 +37,8 @@ def render(
 
 
 HEADER = ("#", "scenario", "start", "angle", "contact", "at", "settle", "moves", "F_x", "F_y", "error")
+SAME = 0.01
+"""Contact forces that differ by less are the same [N]."""
 SPEC = "as the spec says"
 LEGEND = (
     "start: as the spec says, or the last trial's estimate (16)-(17); angle: theta_d and starting posture [deg]."
@@ -89,27 +91,32 @@ def findings(document: Facts) -> list[tuple[str, str]]:
     for place, series in enumerate(document["series"], 1):
         trials = [trial for trial in document["trials"] if trial["series"] == place]
         if series["second_over_first"]:
-            found.append((_gain(trials[0]["scenario"], series), "good"))
+            found.append(_gain(trials[0]["scenario"], series))
         found += _ends(trials)
         found += _starts(trials)
     found += [(each, "") for each in _survived(document["survives"])]
-    found.append(_contraction(document["contraction"], document["law"]))
+    found.append(_contraction(document["contraction"]))
     return found
 
 
-def _gain(name: str, series: Facts) -> str:
+def _gain(name: str, series: Facts) -> tuple[str, str]:
+    """What the second trial has over the first, in words, and the style."""
     (one, two, more), (slow, quick, sooner) = (
         series["second_over_first"][key] for key in ("contact_force_n", "settling_s")
     )
-    word = "larger" if more >= 0 else "smaller"
-    text = f"{name}: trial 2 starts from trial 1's estimate; its smallest contact force is {number(abs(more))} N {word}"
-    text += f" ({number(two)} N, not {number(one)} N)"
-    if sooner == sooner and abs(sooner) != float("inf"):
-        text += f", and it settles {number(abs(sooner), 4)} s {'sooner' if sooner >= 0 else 'later'}"
-        text += (
-            f" ({number(quick, 4)} s, not {number(slow, 4)} s, to within {number(series['settling_band_deg'], 3)} deg)"
-        )
-    return text + "."
+    text = f"{name}: trial 2 starts from trial 1's estimate; its smallest contact force is "
+    if abs(more) < SAME:
+        text += f"the same ({number(one)} N)"
+    else:
+        text += f"{number(abs(more))} N {'larger' if more > 0 else 'smaller'} ({number(two)} N, not {number(one)} N)"
+    if math.isfinite(slow) and math.isfinite(quick):
+        within = f"to within {number(series['settling_band_deg'], 3)} deg"
+        if sooner == 0:
+            text += f", and so is the time in which it settles ({number(slow, 4)} s, {within})"
+        else:
+            text += f", and it settles {number(abs(sooner), 4)} s {'sooner' if sooner > 0 else 'later'}"
+            text += f" ({number(quick, 4)} s, not {number(slow, 4)} s, {within})"
+    return text + ".", "good" if more >= SAME else "doubt" if more <= -SAME else ""
 
 
 def _lost(trial: Facts) -> str:
@@ -174,9 +181,10 @@ def _survived(survives: Iterable[Facts]) -> list[str]:
     return found
 
 
-def _contraction(found: Facts, law: str) -> tuple[str, str]:
+def _contraction(found: Facts) -> tuple[str, str]:
     at, box, check = found["at"], found["box"], found["checked"]
-    left = f"a trial of {number(at['trial_s'], 4)} s leaves {number(found['factor'], 3)} of a small error in the start"
+    size = number(found["factor"], 3) if math.isfinite(found["factor"]) else "more than can be computed"
+    left = f"a trial of {number(at['trial_s'], 4)} s leaves {size} of a small error in the start"
     where = f" at worst over {box['points']} point{'s' * (box['points'] != 1)}"
     if box["corners"]:
         where += f" of the box of [uncertainty] ({box['corners']} corners, {box['drawn']} drawn) and the scenarios"
@@ -186,14 +194,18 @@ def _contraction(found: Facts, law: str) -> tuple[str, str]:
     one, tenth = found["stays_below_1_from_s"], found["stays_below_0.1_from_s"]
     if one is not None:
         text += f"; less than all of it from {number(one, 4)} s on, less than a tenth from {number(tenth, 4)} s on"
-    elif law == "pd":
-        text += f"; under pd it tends to K_p/(K_p - A L) = {number(found['limit'])}, so that no length is enough"
+    elif found["limit"] is not None:
+        text += f"; without the integral it tends to K_p/(K_p - A L) = {number(found['limit'])}: no length is enough"
     else:
         text += "; the loop is not stable at all of them"
     text += (
         f". Checked at {check['points']} point{'s' * (check['points'] != 1)} of the box by simulation, in"
         f" {check['trials']} trial{'s' * (check['trials'] != 1)} from {number(check['error_deg'], 3)} deg or what was"
-        f" left of it: the largest ratio is {number(check['largest_ratio'], 4)}, and none is farther than"
-        f" {check['largest_difference_from_factor']:.1e} from the linear one."
+        " left of it: "
     )
+    if math.isfinite(check["largest_ratio"]):
+        text += f"the largest ratio is {number(check['largest_ratio'], 4)}, and none is farther than"
+        text += f" {check['largest_difference_from_factor']:.1e} from the linear one."
+    else:
+        text += "the body falls."
     return text, "good" if found["contracts"] else "bad"

@@ -133,24 +133,32 @@ def _progress(axes: Sequence[Axes], document: Mapping[str, Any]) -> None:
         settling.plot(number, settled, mark, **look)
         error.plot(number, [_error(trial) for trial in trials], mark, **look)
     low, high = contact.get_ylim()
-    contact.set_ylim(min(low, -0.06 * (high - low)), high)
+    low, high = min(low, 0.0), max(high, 0.0)
+    low, high = low - 0.06 * (high - low), high + 0.06 * (high - low)
+    contact.set_ylim(low, high)
     contact.axhline(0.0, color="black", linewidth=1.2)
-    if low < 0:
-        contact.axhspan(min(low, -0.06 * (high - low)), 0.0, **BROKEN)
+    if min(trial["contact_force_n"] for trial in document["trials"]) < 0:
+        contact.axhspan(low, 0.0, **BROKEN)
     settling.set_ylim(bottom=min(0.0, settling.get_ylim()[0]))
+    errors = [_error(trial) for trial in document["trials"] if trial["fx_error_n"] is not None]
     error.set_yscale("log")
-    small, large = error.get_ylim()
-    error.set_ylim(10 ** math.floor(math.log10(small)), 10 ** math.ceil(math.log10(large)))
+    error.set_ylim(*_decades(errors or [1.0]))
     titles = "smallest contact force [N]", "settling [s]", "error of the estimated force [N]"
     for ax, title in zip((contact, settling, error), titles, strict=True):
         heading(ax, title)
         ax.set_xlabel("trial")
-        ax.set_xticks(range(1, longest + 1, math.ceil(longest / 10)))
+        ax.set_xlim(1 - 0.06 * longest, longest + 0.06 * longest)
+        ax.set_xticks(range(1, longest + 1, math.ceil(longest / (10 if longest < 20 else 5))))
         plain(ax)
     for ax in axes[3:]:
         ax.set_axis_off()
     if len(document["series"]) > 1:
         settling.legend(fontsize=8, frameon=False, loc="best")
+
+
+def _decades(values: Sequence[float]) -> tuple[float, float]:
+    """Powers of ten below and above all ``values``."""
+    return 10.0 ** math.floor(math.log10(min(values)) - 0.01), 10.0 ** math.ceil(math.log10(max(values)) + 0.01)
 
 
 def _error(trial: Mapping[str, Any]) -> float:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from design.analysis.contraction import box, contraction, factor, iteration, ratios, stays_below
+from design.analysis.contraction import box, contraction, exponential, factor, iteration, ratios, stays_below
 from design.analysis.estimate import static_estimate
 from design.model.body import Biped
 from design.model.laws import Gains
@@ -59,6 +59,17 @@ def test_the_factor_is_that_of_23_with_the_integral_off_its_rest(K, T):
     own = K.K_f * BIPED.weight / BIPED.ell
     carried = expm(closed_loop_matrix(BIPED, "cop", K, A, load) * T) @ [1.0, 0.0, K.K_p / own]
     assert factor(BIPED, "cop", K, A, load, T) == pytest.approx(carried[0], rel=1e-9, abs=1e-12)
+
+
+def test_the_exponentials_are_those_of_scipy():
+    rng = np.random.default_rng(5)
+    mixed = rng.normal(size=(40, 4, 4)) * 10.0 ** rng.uniform(-3, 1.5, (40, 1, 1))
+    for mine, its in zip(exponential(mixed), expm(mixed), strict=True):
+        assert np.abs(mine - its).max() <= 1e-11 * np.abs(its).max()
+    stiff = np.array([iteration(BIPED, "force", K, A, LOAD)[0] for K in CASES])
+    for T in (0.01, 1.0, 30.0):
+        for mine, its in zip(exponential(T * stiff), expm(T * stiff), strict=True):
+            assert np.abs(mine - its).max() <= 1e-8 * np.abs(its).max() + 1e-12
 
 
 @pytest.mark.parametrize("kind", ["pd", "force", "cop"])
@@ -118,6 +129,14 @@ def test_pd_never_contracts():
     assert not found.contracts
     assert found.check.ratio > 1
     assert _left("pd", GAINS, 10.0, 0.01) == pytest.approx(0.01 * found.limit, rel=1e-3)
+
+
+def test_law_8_without_its_gain_is_pd():
+    bare = GAINS._replace(K_f=0.0)
+    found = contraction(STEP.with_law("force", bare), bare, STEP.scenarios)
+    assert found.factor == pytest.approx(factor(BIPED, "pd", bare, A, LOAD, 10.0))
+    assert found.limit == pytest.approx(GAINS.K_p / (GAINS.K_p - A * BIPED.L))
+    assert found.below_from[1.0] is None
 
 
 def test_an_unstable_loop_has_no_length():

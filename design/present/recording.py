@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -186,8 +187,8 @@ def _lost(record: Record) -> str:
         return ""
     first = int(np.argmax(broken))
     return (
-        f"CONTACT: {int(broken.sum())} samples have their CoP beyond the foot, the first at {record.t[first]:g} s:"
-        " is the ankle's place, or the foot's length, another?"
+        f"CONTACT LOST: {int(broken.sum())} samples have their CoP beyond the foot, the first at {record.t[first]:g} s;"
+        " or the ankle's place or the foot's length is another"
     )
 
 
@@ -251,11 +252,16 @@ def as_csv(result: Measured) -> str:
     for first in range(0, len(record.t), ROWS):
         part = slice(first, first + ROWS)
         usable = record.valid[part]
-        cells = [map(repr, record.t[part].tolist())]
+        cells: list[Iterable[str]] = [map(repr, record.t[part].tolist())]
         for values in columns.values():
             known = usable & np.isfinite(values[part]) if values is not None else np.zeros_like(usable)
-            numbers = known.astype(float) if values is None else values[part]
-            cells.append(repr(x) if ok else "" for x, ok in zip(numbers.tolist(), known.tolist(), strict=True))
+            if values is None or not known.any():
+                cells.append([""] * len(usable))
+            elif known.all():
+                cells.append(map(repr, values[part].tolist()))
+            else:
+                both = zip(values[part].tolist(), known.tolist(), strict=True)
+                cells.append([repr(x) if ok else "" for x, ok in both])
         cells.append(map(str, usable.astype(int).tolist()))
         text.append("\n".join(map(",".join, zip(*cells, strict=True))))
     return "\n".join(text) + "\n"

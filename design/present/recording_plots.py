@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.analysis.recorded import Estimates, thinned
-from design.present.plots import BLUE, BROKEN, GREY, ORANGE, canvas, plain
+from design.present.plots import BLUE, BROKEN, GREY, ORANGE, RED, canvas, heading, plain
 from design.recordings.record import Record
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def figure(record: Record, found: Estimates) -> Figure:
         _missing(ax, record)
         ax.margins(x=0)
         plain(ax)
+    heading(axes[0, 0], f"{Path(record.origin).name}{_dropped(record)}")
     axes[-1, 0].set_xlabel("time [s]")
     return drawn
 
@@ -39,15 +41,20 @@ def _line(ax: Axes, record: Record, values: Array, colour: str, style: str = "-"
     ax.plot(t, y, color=colour, linestyle=style, linewidth=1.1, label=label)
 
 
+def _dropped(record: Record) -> str:
+    count = int((~record.valid).sum())
+    return f": {count} of {len(record.t)} samples without data, marked ▼" if count else ""
+
+
 def _missing(ax: Axes, record: Record) -> None:
-    """Grey bands where samples are masked, at least as wide as can be seen."""
-    least = 0.002 * float(record.t[-1] - record.t[0])
-    for k, (a, b, _) in enumerate(record.spans(~record.valid)[:500]):
-        wider = max(0.0, 0.5 * (least - (b - a)))
-        ax.axvspan(
-            max(a - wider, record.t[0]), min(b + wider, record.t[-1]), facecolor=GREY, edgecolor="black", alpha=0.45,
-            linewidth=0, hatch="....", label="no data" if k == 0 else None,
-        )  # fmt: skip
+    """Where samples are masked: a grey band, and a mark above it that shows a single sample too."""
+    spans = record.spans(~record.valid)[:500]
+    for a, b, _ in spans:
+        ax.axvspan(a, b, facecolor=GREY, alpha=0.45, linewidth=0)
+    ax.plot(
+        [0.5 * (a + b) for a, b, _ in spans], [1.0] * len(spans), "v", color="black", markersize=6, clip_on=False,
+        transform=ax.get_xaxis_transform(),
+    )  # fmt: skip
     if ax.get_legend_handles_labels()[1]:
         ax.legend(fontsize=8, frameon=False, loc="upper right", ncols=3)
 
@@ -64,6 +71,8 @@ def _cop(ax: Axes, record: Record, found: Estimates) -> None:
                     fontsize=8, fontweight="bold")  # fmt: skip
     ax.axhline(0.0, color=GREY, linewidth=0.8, linestyle=":")
     ax.plot(t, P, color=BLUE, linewidth=1.1)
+    if (outside := np.abs(P) > end).any():
+        ax.plot(t[outside], P[outside], ".", color=RED, markersize=3)
     ax.set_ylim(-reach, reach)
     ax.set_ylabel("CoP from ankle [mm]")
 
@@ -89,9 +98,9 @@ def _angle(ax: Axes, record: Record, found: Estimates) -> None:
 
 def _estimate(ax: Axes, record: Record, found: Estimates) -> None:
     assert found.F_y is not None
+    _line(ax, record, found.F_y, ORANGE, "--", "estimate F_y")
     if found.F_x is not None:
         _line(ax, record, found.F_x, BLUE, label="estimate F_x")
-    _line(ax, record, found.F_y, ORANGE, "--", "estimate F_y")
     ax.axhline(0.0, color=GREY, linewidth=0.8)
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + 0.15 * (high - low))

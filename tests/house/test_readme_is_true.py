@@ -42,6 +42,18 @@ def test_every_command_shown_exists():
         assert re.search(rf"^  {line.split()[1]} ", listed, flags=re.MULTILINE), line
 
 
+def test_the_commands_on_recordings_work(tmp_path):
+    lines = _blocks("sh")[1].splitlines()
+    assert len(lines) == 6
+    for line in lines:
+        command = line.partition(" #")[0].split()
+        assert command[0] == "poise"
+        subprocess.run(
+            [sys.executable, str(ROOT / "cli.py"), *command[1:]], cwd=tmp_path, check=True, capture_output=True
+        )
+    assert {path.name for path in tmp_path.iterdir()} == {"trial.csv", "trial.png", "forces.csv", "met.toml"}
+
+
 def test_the_study_of_the_readme_is_what_a_study_finds():
     from dataclasses import replace
 

@@ -64,7 +64,7 @@ class Scenario:
     @property
     def steady_from(self) -> float:
         """When the signal has come to the value that it keeps to the end [s]; the duration if it never does."""
-        last = self._signal(np.array([self.duration]), np.array([self.duration]))
+        last = self.signal_by(np.array([self.duration]), np.array([self.duration]))
         moved = np.flatnonzero(np.any(self.signal != last, axis=0))
         if not len(moved):
             return 0.0
@@ -82,14 +82,14 @@ class Scenario:
 
     def signal_on(self, piece: tuple[float, float], t: Array) -> Array:
         """Signal (k, j) at times ``t`` (j,), as the piece (t0, t1) continues it."""
-        return self._signal(np.full_like(t, 0.5 * (piece[0] + piece[1])), t)
+        return self.signal_by(np.full_like(t, 0.5 * (piece[0] + piece[1])), t)
 
     def force_at(self, t: Array) -> Array:
         """Force (2, j) [N] at times ``t`` (j,) >= 0; at a jump, what comes after it."""
-        return self.to_force(self._signal(t, t))
+        return self.to_force(self.signal_by(t, t))
 
-    def _signal(self, inside: Array, t: Array) -> Array:
-        """Signal at ``t`` by the linear piece that contains ``inside``."""
+    def signal_by(self, inside: Array, t: Array) -> Array:
+        """Signal (k, j) at times ``t`` (j,), each by the linear piece that contains the time ``inside`` (j,)."""
         left = np.clip(np.searchsorted(self.times, inside, side="right") - 1, 0, len(self.times) - 1)
         right = np.minimum(left + 1, len(self.times) - 1)
         span = self.times[right] - self.times[left]
@@ -106,7 +106,7 @@ class Scenario:
         t = t[t <= self.duration]
         lengths = np.diff(t)
         middle_times = t[:-1] + 0.5 * lengths
-        start, middle, end = (self._signal(middle_times, at) for at in (t[:-1], middle_times, t[1:]))
+        start, middle, end = (self.signal_by(middle_times, at) for at in (t[:-1], middle_times, t[1:]))
         jumps = 1 + np.flatnonzero(
             np.any(np.abs(end[:, :-1] - start[:, 1:]) > 1e-12 * (1 + np.abs(end[:, :-1])), axis=0)
         )

@@ -1,0 +1,212 @@
+"""`poise prove`: what is proved of a design, for which box, under which assumptions; in words and JSON, and as rows."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from design.analysis.rows import Row, Verdict
+from design.model.laws import Gains, LawKind
+from design.present import opening, store, terminal, text
+from design.proof.box import Answer, Proof, levels, prove
+from design.spec.load import Source
+from design.spec.setting import Setting
+
+ASSUMPTIONS = (
+    "the two-link model with a rigid foot that does not slip, the law in continuous time, no delay, no noise; numbers"
+    " of the body and world count with all within 1e-14 of them, gains as the floats that they are"
+)
+ROWS: dict[str, tuple[str, str]] = {
+    "stiffness": ("(27)", "N m/rad"), "damping": ("(28)", "m/s"), "routh": ("(29)", "N² m² s"),
+    "decay-rate": ("(24)", "1/s"), "toe-force": ("(5)", "N"), "heel-force": ("(6)", "N"), "cop-margin": ("(18)", "m"),
+    "torque": ("(8)", "N m"),
+}  # fmt: skip
+UNITS = {"M": ("mass", "kg", 1.0), "L": ("com height", "m", 1.0), "I": ("inertia", "kg m²", 1.0),
+         "m": ("foot mass", "kg", 1.0), "ell": ("half length", "m", 1.0), "slope": ("slope", "deg", 180 / math.pi),
+         "ramp": ("ramp", "s", 1.0)}  # fmt: skip
+WORST: dict[Answer, int] = {"proved": 0, "unknown": 1, "disproved": 2}
+
+
+def render(
+    reference: str,
+    law: LawKind | None,
+    gains: str | None,
+    scenario: str | None,
+    scale: float,
+    seconds: float,
+    form: str,
+    *,
+    strict: bool = False,
+) -> tuple[str, Answer]:
+    """Prove, and say what came of it in a ``form``, text or json; and the answer over all scenarios."""
+    source, problem = opening.opened(reference, law, gains, strict=strict)
+    its = problem.given_gains()
+    names = [each.name for each in problem.scenarios] if scenario is None else [problem.scenario(scenario).name]
+    with terminal.progress() as say:
+        proofs = proved_in(problem, its, names, seconds=seconds, scale=scale, say=say)
+    answer = overall(proofs)
+    if form == "json":
+        return store.dumps(document(source, problem, its, proofs, scale)), answer
+    return as_text(source, problem, its, proofs, terminal.painter_for_output()), answer
+
+
+def proved_in(
+    problem: Setting,
+    gains: Gains,
+    names: list[str],
+    *,
+    seconds: float,
+    scale: float = 1.0,
+    say: Callable[[str], None] = lambda _: None,
+) -> list[Proof]:
+    """A proof for each scenario of these ``names``; ``seconds`` is for all of them."""
+    found: list[Proof] = []
+    for k, name in enumerate(names):
+        left = max(seconds - sum(each.seconds for each in found), 0.0) / (len(names) - k)
+        found.append(prove(problem, gains, name, seconds=left, scale=scale, say=say))
+    return found
+
+
+def overall(proofs: list[Proof]) -> Answer:
+    """The worst answer."""
+    return max((proof.answer for proof in proofs), key=lambda answer: WORST[answer])
+
+
+def rows(problem: Setting, proofs: list[Proof]) -> list[Row]:
+    """The bounds as rows: proved ones are met for all times and the whole box; a counterexample is violated."""
+    demanded = levels(problem)
+    return [
+        _row(problem, proof, row, demanded.get(row, 0.0))
+        for proof in proofs
+        for row in ROWS
+        if row in demanded or row in proof.value
+    ]
+
+
+def _row(problem: Setting, proof: Proof, row: str, level: float) -> Row:
+    equation, unit = ROWS[row]
+    broken = proof.counterexample
+    facts: dict[str, Any] = {
+        "id": row, "equation": equation, "scenario": proof.scenario, "required": level,
+        "unit": "N m s/rad" if row == "damping" and problem.law == "pd" else unit,
+    }  # fmt: skip
+
+    def margin(value: float) -> float:
+        return level - value if row == "torque" else value - level
+
+    if broken is not None and broken.row == row:
+        return Row(
+            **facts, value=broken.value, margin=margin(broken.value), status="violated", time_s=broken.time_s,
+            basis="sampled",
+        )  # fmt: skip
+    value = proof.value.get(row)
+    if value is not None and (proof.answer == "proved" or not proof.box):  # one part: what it bounds is bounded
+        return Row(
+            **facts, value=value, margin=margin(value), status="met", time_s=proof.time_s.get(row), basis="proved"
+        )  # fmt: skip
+    return Row(**facts, value=None, margin=None, status="undecided", time_s=None, basis="sampled", note=proof.why)
+
+
+def document(source: Source, problem: Setting, gains: Gains, proofs: list[Proof], scale: float) -> dict[str, Any]:
+    """The JSON of the command."""
+    answer = overall(proofs)
+    return store.document(
+        "prove", source, status=answer, verdict=answer, law=problem.law, gains=store.gains_json(gains),
+        rows=[store.row_json(row) for row in rows(problem, proofs)], assumptions=ASSUMPTIONS, scale=scale,
+        scenarios=[
+            {
+                "name": proof.scenario, "verdict": proof.answer, "share_of_box": proof.share, "parts": proof.parts,
+                "seconds": proof.seconds, "why": proof.why, "box": _box(proof.box),
+                "counterexample": _counterexample(proof),
+            }
+            for proof in proofs
+        ],
+    )  # fmt: skip
+
+
+def _box(box: dict[str, tuple[float, float]]) -> dict[str, dict[str, Any]]:
+    return {
+        UNITS[name][0]: {"from": low * UNITS[name][2], "to": high * UNITS[name][2], "unit": UNITS[name][1]}
+        for name, (low, high) in box.items()
+    }
+
+
+def _counterexample(proof: Proof) -> dict[str, Any] | None:
+    broken = proof.counterexample
+    if broken is None:
+        return None
+    at = {
+        UNITS[name][0]: {"value": value * UNITS[name][2], "unit": UNITS[name][1]} for name, value in broken.at.items()
+    }
+    return {"row": broken.row, "value": broken.value, "time_s": broken.time_s, "at": at}
+
+
+def as_text(
+    source: Source, problem: Setting, gains: Gains, proofs: list[Proof], paint: Callable[[str, str], str]
+) -> str:
+    """The rows, the box, the assumptions, and the answer, at most 80 wide but for names."""
+    words = {"met": ("PROVED", "good"), "violated": ("DISPROVED", "bad"), "undecided": ("UNKNOWN", "warn")}
+    lines = [f"{source.spec.name}, law {problem.law}, {text.gains_line(gains, problem.law)}", ""]
+    lines.append(f"{'':9} {'row':<11} {'scenario':<12} {'bound':>11} {'needs':>9} {'unit':<9} {'at s':>6}")
+    for row in rows(problem, proofs):
+        word, style = words[row.status]
+        value = "-" if row.value is None else f"{row.value:.6g}"
+        at = "-" if row.time_s is None else f"{row.time_s:.3f}"
+        lines.append(
+            f"{paint(f'{word:<9}', style)} {row.id:<11} {row.scenario or '':<12} {value:>11} {row.required:>9.6g}"
+            f" {row.unit:<9} {at:>6}"
+        )
+    lines.append("")
+    for proof in proofs:
+        lines += textwrap.wrap(f"{proof.scenario}: {_said(proof)}", 78, subsequent_indent="  ")
+    lines += ["", *textwrap.wrap(f"Assumes {ASSUMPTIONS}.", 78), ""]
+    answer = overall(proofs)
+    style = {"proved": "good", "disproved": "bad", "unknown": "warn"}[answer]
+    lines.append(paint(f"contact and stability: {answer.upper()}", style))
+    return "\n".join(lines) + "\n"
+
+
+def _said(proof: Proof) -> str:
+    box = ", ".join(
+        f"{name} {part['from']:.5g} to {part['to']:.5g} {part['unit']}" for name, part in _box(proof.box).items()
+    )
+    where = f"for every body and world with {box}" if box else "for the nominal numbers"
+    took = f"{proof.parts} {'part' if proof.parts == 1 else 'parts'}, {proof.seconds:.1f} s"
+    if proof.answer == "proved":
+        return f"PROVED {where}, at every time, also after the scenario's end where its force rests ({took})"
+    broken = proof.counterexample
+    if broken is not None:
+        at = "" if broken.time_s is None else f" at {broken.time_s:.3f} s"
+        point = ", ".join(
+            f"{UNITS[name][0]} {broken.at[name] * UNITS[name][2]:.6g} {UNITS[name][1]}" for name in proof.box
+        )
+        return f"DISPROVED: {broken.row} is {broken.value:.6g}{at}{f', with {point}' if point else ''} ({took})"
+    return f"UNKNOWN {where}: {proof.why}; {100 * proof.share:.3g} % of the box is proved ({took})"
+
+
+def with_proofs(problem: Setting, verdict: Verdict, proofs: list[Proof]) -> Verdict:
+    """A report's verdict in which proved rows say so: their value is then a bound for all times and the whole box."""
+    proved = {(row.scenario, row.id): row for row in rows(problem, proofs) if row.basis == "proved"}
+    boxes = {proof.scenario: bool(proof.box) for proof in proofs}
+    changed = []
+    for row in verdict.rows:
+        better = proved.get((row.scenario, row.id))
+        if better is None:
+            changed.append(row)
+            continue
+        reach = "all times and the whole box of [uncertainty]" if boxes[str(row.scenario)] else "all times"
+        if row.id in ("stiffness", "damping", "routh"):
+            changed.append(replace(row, basis="proved", note=_joined(row.note, f"proved for {reach}")))
+            continue
+        sampled = f"; {row.value:.6g} at the samples" if row.value is not None else ""
+        note = _joined(row.note, f"proved for {reach}{sampled}")
+        margin = None if row.required is None else better.margin
+        changed.append(replace(row, basis="proved", value=better.value, margin=margin, note=note, time_s=better.time_s))
+    return replace(verdict, rows=tuple(changed))
+
+
+def _joined(note: str, more: str) -> str:
+    return f"{note}; {more}" if note else more

@@ -1,0 +1,102 @@
+"""Every operation on models holds the exact result, for all the functions that its operands stand for."""
+
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from design.proof.taylor import DEGREE, Model, constant, reciprocal, sine_and_cosine
+
+PIECES, PARAMETERS = 3, 2
+
+
+def _model(seed, size=1.0, rest=1e-3):
+    rng = np.random.default_rng(seed)
+    scale = size * np.array([1.0, 0.3, 0.1, 0.03, 0.01, 0.003]) * np.array([1.0, 0.1, 0.02])[:, None]
+    return Model(rng.standard_normal((PIECES, 1 + PARAMETERS, DEGREE + 1)) * scale, rest * rng.random(PIECES))
+
+
+def _exact(model, piece, v, p, share):
+    """The value, as a rational, of the function that lies at ``share`` of the rest."""
+    c = [[Fraction(float(entry)) for entry in row] for row in model.c[piece]]
+    powers = [Fraction(v) ** d for d in range(DEGREE + 1)]
+    rows = [sum(a * b for a, b in zip(row, powers, strict=True)) for row in c]
+    moved = sum(Fraction(share) * row for share, row in zip(p, rows[1:], strict=True))
+    return rows[0] + moved + Fraction(share) * Fraction(float(model.rest[piece]))
+
+
+seeds = st.integers(0, 10_000)
+unit = st.floats(-1.0, 1.0)
+ends = st.one_of(unit, st.sampled_from([-1.0, 1.0]))
+places = st.tuples(ends, ends, ends)
+shares = st.sampled_from([-1, 0, 1])
+
+
+def _holds(model, truth, piece, place):
+    v, *p = place
+    return abs(truth - _exact(model, piece, v, p, 0)) <= Fraction(float(model.rest[piece]))
+
+
+@given(one=seeds, two=seeds, place=places, first=shares, second=shares, size=st.sampled_from([1e-8, 1.0, 1e6]))
+@settings(max_examples=150, deadline=None)
+def test_sums_and_products_hold_the_exact_ones(one, two, place, first, second, size):
+    a, b = _model(one, size), _model(two)
+    v, *p = place
+    for piece in range(PIECES):
+        x, y = _exact(a, piece, v, p, first), _exact(b, piece, v, p, second)
+        for model, truth in ((a + b, x + y), (a - b, x - y), (a * b, x * y), (a * 0.3, x * Fraction(0.3)), (-a, -x)):
+            assert _holds(model, truth, piece, place)
+
+
+@given(seed=seeds, place=places, share=shares, size=st.sampled_from([1e-6, 0.1, 0.7]))
+@settings(max_examples=80, deadline=None)
+def test_sine_and_cosine_hold_those_of_mpmath(seed, place, share, size):
+    x = _model(seed, size, rest=1e-6)
+    s, c = sine_and_cosine(x)
+    v, *p = place
+    with mpmath.workdps(40):
+        for piece in range(PIECES):
+            at = _exact(x, piece, v, p, share)
+            exact = mpmath.mpf(at.numerator) / at.denominator
+            for model, truth in ((s, mpmath.sin(exact)), (c, mpmath.cos(exact))):
+                assert _holds(model, Fraction(int(truth * mpmath.mpf(10) ** 35), 10**35), piece, place)
+
+
+def test_an_angle_out_of_reach_is_refused():
+    with pytest.raises(ValueError, match="angle"):
+        sine_and_cosine(constant(1, 0, 4.1))
+
+
+@given(seed=seeds, place=places, share=shares)
+@settings(max_examples=60, deadline=None)
+def test_bounds_hold_every_value(seed, place, share):
+    model = _model(seed)
+    low, high = model.bounds()
+    v, *p = place
+    for piece in range(PIECES):
+        value = _exact(model, piece, v, p, share)
+        assert Fraction(float(low[piece])) <= value <= Fraction(float(high[piece]))
+        assert abs(value) <= Fraction(float(model.size()[piece]))
+
+
+@given(value=st.floats(0.01, 100.0), part=st.floats(0.0, 0.5), share=ends)
+def test_a_reciprocal_is_held(value, part, share):
+    radius = part * value
+    a, b, r = reciprocal(value, radius)
+    truth = 1 / (Fraction(value) + Fraction(share) * Fraction(radius))
+    assert abs(truth - Fraction(a) - Fraction(share) * Fraction(b)) <= Fraction(r)
+
+
+@given(seed=seeds, v=st.sampled_from([-1.0, -0.5, 0.0, 0.25, 1.0]))
+def test_the_slope_is_that_of_the_polynomial(seed, v):
+    model = _model(seed, rest=0.0)
+    slope = model.slope()
+    for piece in range(PIECES):
+        c = [Fraction(float(entry)) for entry in model.c[piece, 0]]
+        truth = sum(d * c[d] * Fraction(v) ** (d - 1) for d in range(1, DEGREE + 1))
+        assert _holds(slope, truth, piece, (v, 0.0, 0.0))
+    with pytest.raises(ValueError, match="polynomial"):
+        _model(seed, rest=1.0).slope()

@@ -104,7 +104,10 @@ def test_a_sequence_says_what_the_law_survives(changing):
 def test_the_picture_shows_every_trial(changing, tmp_path):
     picture = tmp_path / "trials.svg"
     ended = _poise(changing, "--sequence", "three,other", "--blind", "--plot", picture)
-    assert ended.returncode == 1  # blind
+    assert ended.returncode == 1
+    said = " ".join(ended.stdout.split())
+    assert "other, trial 2 starts from the estimate blindly: the estimate's posture is -3.00 deg, but toe" in said
+    assert "There contact is lost at the toe" in said
     text = picture.read_text(encoding="utf-8")
     for words in ("three, trial 1", "other, trial 2, from the estimate", "contact force [N]", "ankle angle [deg]",
                   "settling [s]", "contact lost", "time [s]"):  # fmt: skip

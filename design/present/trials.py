@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 from design.analysis.simulate import Trajectory
@@ -62,7 +63,8 @@ def as_text(document: Facts, paint: Paint) -> str:
 
 def _gains(document: Facts) -> str:
     its = document["gains"]
-    return gains_line(Gains(its["kp"], its["kd"], its["kf"]), document["law"])
+    adapts = f", desired angle adapts within {document['adapt_s']:g} s" if math.isfinite(document["adapt_s"]) else ""
+    return gains_line(Gains(its["kp"], its["kd"], its["kf"]), document["law"]) + adapts
 
 
 def _cells(trial: Facts) -> list[str]:
@@ -146,26 +148,23 @@ def _ends(trials: Iterable[Facts]) -> list[tuple[str, str]]:
     return list(found.values())
 
 
-def _starts(trials: Iterable[Facts]) -> list[tuple[str, str]]:
-    """Starts from an estimate that were not made, or made in spite of what toe and heel said; each once."""
-    found: list[tuple[str, str]] = []
-    said: set[tuple[str, str]] = set()
-    for trial in trials:
-        refused = trial["refused"]
-        if not refused or (trial["scenario"], trial["reason"]) in said:
-            continue
-        said.add((trial["scenario"], trial["reason"]))
-        outcome = _lost(refused) or "contact is kept"
-        angle = fixed(refused["desired_angle_deg"], 2)
-        found.append(
-            (
-                f"{trial['scenario']}, trial {trial['trial']} starts as the spec says: {trial['reason']}. Started from"
-                f" the estimate, at {angle} deg, {outcome}; the smallest contact force is"
-                f" {number(refused['contact_force_n'])} N instead of {number(trial['contact_force_n'])} N.",
-                "doubt",
-            )
-        )
-    return found
+def _starts(trials: Sequence[Facts]) -> list[tuple[str, str]]:
+    """Starts from an estimate not made, or made in spite of toe and heel; once for each change of scenario."""
+    found: dict[tuple[str, str], tuple[str, str]] = {}
+    for before, trial in pairwise(trials):
+        refused, change = trial["refused"], (before["scenario"], trial["scenario"])
+        where = f"{trial['scenario']}, trial {trial['trial']}"
+        least = f"the smallest contact force is {number((refused or trial)['contact_force_n'])} N"
+        outcome = _lost(refused or trial) or "contact is kept"
+        if trial["blindly"]:
+            text = f"{where} starts from the estimate blindly: {trial['reason']}. There {outcome}; {least}."
+            found.setdefault(change, (text, "doubt"))
+        elif refused:
+            text = f"{where} starts as the spec says: {trial['reason']}. Started from the estimate, at"
+            text += f" {fixed(refused['desired_angle_deg'], 2)} deg, {outcome}; {least} instead of"
+            text += f" {number(trial['contact_force_n'])} N."
+            found.setdefault(change, (text, "doubt"))
+    return list(found.values())
 
 
 def _survived(survives: Iterable[Facts]) -> list[str]:

@@ -97,6 +97,7 @@ def _trial(trial: Trial, series: int) -> dict[str, Any]:
         "scenario": happened.scenario,
         "start": "the last estimate" if trial.start.estimated else "as the spec says",
         "reason": trial.start.why,
+        "blindly": trial.start.blindly,
         "desired_angle_deg": math.degrees(trial.start.theta_d),
         "start_angle_deg": math.degrees(trial.start.theta0),
         "start_away_deg": None if trial.start.away is None else math.degrees(trial.start.away),

@@ -33,7 +33,7 @@ class Start:
     """How a trial begins: ``theta_d`` of its law, ``theta0``, ``omega0`` and the integral ``s0``.
 
     ``estimated``: from the last trial's estimate. ``why`` it is so; ``away`` [rad] how far theta_f is from the
-    estimate's posture as toe and heel force tell, None where there is no estimate.
+    estimate's posture as toe and heel force tell, None where there is no estimate. ``blindly``: in spite of that.
     """
 
     theta_d: float
@@ -43,6 +43,7 @@ class Start:
     estimated: bool
     why: str
     away: float | None = None
+    blindly: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,17 +157,19 @@ def decide(
     theta_f, where = standing(setting, real, F, reading.theta, noise)
     away, spec = abs(theta_f - reading.theta), abs(theta_f - scenario.theta0)
     told = 2 * _told(setting)
-    if away > reading.error + TOLERANCE + told and not blind:
-        why = f"the estimate's posture is {_degrees(reading.theta)}, but {where}"
+    why = f"{where}, {_degrees(away)} from the estimate's"
+    against = ""
+    if away > reading.error + TOLERANCE + told:
+        against = f"the estimate's posture is {_degrees(reading.theta)}, but {where}"
         if away < spec:
-            why += f"; yet that is nearer than the spec's {_degrees(scenario.theta0)} (--blind uses it)"
-        return as_specified(setting, scenario, why, away)
-    if not reading.stationary and away >= spec and not blind:
-        why = (
-            "the last trial did not come to rest, and toe and heel say that its end is no nearer than the spec's start"
+            against += f"; yet that is nearer than the spec's {_degrees(scenario.theta0)} (--blind uses it)"
+    elif not reading.stationary and away >= spec:
+        against = (
+            "the last trial did not come to rest; toe and heel say that its end is no nearer than the spec's start"
         )
-        return as_specified(setting, scenario, why, away)
-    return from_reading(reading, f"{where}, {_degrees(away)} from the estimate's", away)
+    if against and not blind:
+        return as_specified(setting, scenario, against, away)
+    return replace(from_reading(reading, against or why, away), blindly=bool(against))
 
 
 def _degrees(angle: float) -> str:

@@ -142,6 +142,7 @@ def test_blind_trials_pay_it():
     facts = conduct(RAMP, trials=2, blind=True).facts
     _, second = facts["trials"]
     assert second["start"] == "the last estimate"
+    assert second["blindly"]
     assert second["lost_contact"] is not None
     assert facts["verdict"] == "violated"
 
@@ -272,6 +273,16 @@ def test_pd_ends_where_it_does_not_rest_in_balance_and_is_not_believed():
     assert abs(first["fx_error_n"]) <= first["fx_bound_n"] * (1 + 1e-6)
     assert second["start"] == "as the spec says"
     assert not facts["contraction"]["contracts"]
+
+
+def test_trials_go_on_with_a_law_that_adapts():
+    own = replace(STEP, adapt=1.0)
+    facts = conduct(own, trials=2).facts
+    first, second = facts["trials"]
+    assert second["start"] == "the last estimate"
+    assert second["contact_force_n"] > first["contact_force_n"] + 90.0
+    assert facts["contraction"]["contracts"]
+    assert facts["contraction"]["factor"] != pytest.approx(conduct(STEP, trials=1).facts["contraction"]["factor"])
 
 
 def test_a_start_within_the_tolerance_is_no_other_world():

@@ -179,7 +179,7 @@ def report(
 @app.command()
 @reads_recordings
 def estimate(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="Text, .npy, .npz or .c3d, one row a sample.")],
+    file: Annotated[str, typer.Argument(metavar="FILE", help="Text, .npy, .npz, .c3d, or - for standard input.")],
     *,
     spec: Annotated[str | None, typer.Option(metavar="SPEC", help="Whose body and foot it is.")] = None,
     format: RunForm = "text",

@@ -68,7 +68,7 @@ def test_the_force_of_a_simulated_run_is_found_again(poise, simulated, spec, mor
     assert {"time_s", "toe_force_n", "heel_force_n", "cop_m", "fx_estimate_n", "fy_estimate_n", "valid"} <= set(rows[0])
     late = true["time_s"] > 0.2
     for axis in "xy":
-        estimate = np.array([float(row[f"f{axis}_estimate_n"]) for row in rows])
+        estimate = np.array([float(row[f"f{axis}_estimate_n"] or "nan") for row in rows])
         assert np.abs(estimate - true[f"f{axis}_n"])[late].max() < most
 
 
@@ -208,6 +208,18 @@ def test_every_form_of_a_real_recording_is_written(poise, name):
         assert found["toe_force_n"]["mean"] == pytest.approx(found["mean_vertical_force_n"] / 2, rel=1e-4)
         poise("estimate", DATA / name, "--as-spec", "trial.toml", "--every", "0.5")
         assert "CONTACT" not in poise("simulate", "trial.toml")
+
+
+def test_a_hole_in_the_measured_force_is_bridged_in_the_scenario(poise, simulated):
+    true, file = simulated("slope")
+    lines = Path(file).read_text().splitlines()
+    for k in range(3000, 3601):
+        lines[k] = lines[k].split(",")[0] + ",,,,,,,,,,,"
+    Path("holed.csv").write_text("\n".join(lines))
+    assert "line 3001, column" in poise("estimate", "holed.csv", "--spec", "slope", code=2).err
+    poise("estimate", "holed.csv", "--spec", "slope", "--allow-gaps", "--as-spec", "o.toml")
+    points = np.array(load("o.toml").spec.scenarios[0].points)
+    assert np.abs(np.interp(points[:, 0], true["time_s"], true["fx_n"]) - points[:, 1]).max() < 1
 
 
 def test_means_between_points_keep_a_straight_line_and_bridge_holes():

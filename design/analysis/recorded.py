@@ -88,13 +88,27 @@ def _dynamic(record: Record, setting: Setting, theta: Array, F_T: Array, F_H: Ar
         record.biped, signals, sensors, setting.tolerances, walk=setting.tuning.walk * record.biped.weight,
         valid=record.valid[::every].astype(np.float64),
     )  # fmt: skip
-    known = np.isfinite(found.F[0])
-    F_x, F_y = (np.interp(record.t, found.t[known], row[known]) if every > 1 else row for row in found.F)
+    F = found.F.copy()
+    F[0, _beginning(F[0], found.t, 5 * found.lag[0])] = np.nan  # there F_x is still on its way from zero
+    F_x, F_y = (
+        np.interp(record.t, found.t[np.isfinite(row)], row[np.isfinite(row)]) if every > 1 else row for row in F
+    )
     static_x, _ = static_estimate(record.biped, theta, F_T, F_H)
     how = f"dynamic: from angle, contact forces and (11), with {said}"
     return Estimates(
         F_x=F_x, F_y=F_y, how_x=how, how_y=how, static_x=static_x, spread=_means(found.spread), bias=_means(found.bias)
     )
+
+
+def _beginning(values: Array, t: Array, settle: float) -> NDArray[np.bool_]:
+    """The samples of ``values`` (n,) up to ``settle`` [s], and at least six, after each place where they begin."""
+    known = np.isfinite(values)
+    starts = np.flatnonzero(known & ~np.concatenate([[False], known[:-1]]))
+    early = np.zeros(len(t), dtype=bool)
+    for start in starts:
+        end = int(np.searchsorted(t, t[start] + settle, side="right"))
+        early[start : max(end, start + 6)] = True
+    return early & known if not (early | ~known).all() else np.zeros_like(early)
 
 
 def _means(parts: Array) -> tuple[float, float]:

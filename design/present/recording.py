@@ -167,8 +167,10 @@ def as_text(result: Measured) -> str:
     lost = _lost(record)
     if lost:
         lines += wrapped(lost)
-    lines += wrapped(f"F_x {found.how_x}")
-    lines += wrapped(f"F_y {found.how_y}")
+    if found.how_x == found.how_y:
+        lines += wrapped(f"F_x and F_y {found.how_x}")
+    else:
+        lines += [*wrapped(f"F_x {found.how_x}"), *wrapped(f"F_y {found.how_y}")]
     if found.spread is not None and found.bias is not None:
         parts = zip(("F_x", "F_y"), found.spread, found.bias, strict=True)
         errors = ", ".join(

@@ -44,7 +44,8 @@ def as_toml(source: Source, record: Record, found: Estimates, every: float | Non
     if not 0 < step < duration or duration / step > MOST_POINTS - 2:
         message = f"is {step:g} s; needs more than {duration / (MOST_POINTS - 2):.3g} s and less than {duration:g} s"
         raise BadInput(message, key="--every")
-    times, points = averaged(record.t - record.t[0], np.vstack([F_x, F_y]), record.valid, step)
+    known = record.valid & np.isfinite(F_x) & np.isfinite(F_y)
+    times, points = averaged(record.t - record.t[0], np.vstack([F_x, F_y]), known, step)
     data = source.spec.model_dump(mode="json", exclude_unset=True)
     scenario: dict[str, Any] = {"name": "measured", "kind": "profile", "duration_s": round(duration, 9)}
     if record.theta is not None:

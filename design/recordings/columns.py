@@ -76,6 +76,8 @@ def assign(table: Table, how: Reading) -> Columns:
             parts.pop(role, None)
         else:
             parts[role] = wish.parts
+    if how.rate is not None and any(index in table.faults for index, _ in parts.get("time", ())):
+        del parts["time"]
     axes = (up, forward) if up and any(not _scalar(find, role) for role in parts) else None
     _check_enough(find, set(parts))
     loads = {role: _parts(find, role, parts[role]) for role in parts if role == "fz"}
@@ -130,7 +132,7 @@ def _plate(find: _Finder, kind: str) -> dict[str, int]:
 
 def _vertical(find: _Finder) -> str:
     """The axis that points up: as the user says and the data confirm, or as the data leave no doubt; else empty."""
-    wish = find.how.up
+    wish = find.how.up.lower() if find.how.up else None
     if wish not in (None, "y", "z"):
         message = f"is {wish[:20]!r}; needs y or z"
         raise BadInput(message, key="--up")
@@ -174,7 +176,7 @@ def _mean(column: Array) -> float:
 
 
 def _forward(find: _Finder, up: str) -> str:
-    wish = find.how.forward
+    wish = find.how.forward.lower() if find.how.forward else None
     if wish is None:
         named = find.wishes.get("cop") or find.wishes.get("com_x")
         known = find.known.get(named.parts[0][0]) if named and len(named.parts) == 1 else None
@@ -291,18 +293,19 @@ def _quantity(find: _Finder, role: str, parts: Parts, loads: list[Array] | None)
 def _parts(find: _Finder, role: str, parts: Parts) -> list[Array]:
     arrays = []
     for index, sign in parts:
-        _check_cells(find, index)
+        _check_cells(find, role, index)
         unit, _ = _unit(find, role, index)
         arrays.append(sign * FACTORS[ROLES[role]][unit] * find.table.values[:, index])
     return arrays
 
 
-def _check_cells(find: _Finder, index: int) -> None:
+def _check_cells(find: _Finder, role: str, index: int) -> None:
     fault, name = find.table.faults.get(index), find.table.names[index]
     if fault is None:
         return
     if fault.count >= len(find.table.values):
-        message = f"holds no numbers; choose another column with --columns; the file's: {listed(find.table.names)}"
+        other = ", or give --rate HZ" if role == "time" else ""
+        message = f"holds no numbers; choose another with --columns{other}; the file's: {listed(find.table.names)}"
         raise BadInput(message, file=find.table.origin, key=f"column {name}")
     if find.how.allow_gaps:
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
@@ -88,6 +89,8 @@ def read_bytes(path: str) -> bytes:
     """Content of a file, or ``BadInput`` that names the path and what is wrong with it."""
     place = Path(path)
     try:
+        if path == "-":
+            return _take(sys.stdin.buffer, "standard input")
         if place.is_dir():
             message = "is a directory; name a file in it"
             raise BadInput(message, file=path)

@@ -115,6 +115,13 @@ def test_irregular_time_stamps_are_refused_by_line_or_resampled_with_a_note(file
     assert any("column Time is not used" in note for note in told.notes)
 
 
+def test_a_column_of_dates_is_refused_unless_the_rate_is_given(file):
+    lines = ["Time,Fz,COPx", *(f"10:47:{t:06.3f},{z:.4f},{p:.6f}" for t, z, p in zip(T, FZ, COP, strict=True))]
+    content = "\n".join(lines).encode()
+    assert "--rate" in refusal(file, content)
+    assert read(file, content, rate=100.0).t == pytest.approx(T)
+
+
 def test_rounded_time_stamps_are_regular(file):
     found = read(file, text(np.round(T / 1.2, 3), FZ, COP))
     assert found.rate == pytest.approx(120, rel=1e-3)

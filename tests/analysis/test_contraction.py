@@ -116,7 +116,7 @@ def test_from_the_length_that_is_given_on_it_stays_below(K, level):
     T = stays_below(B[None], start[None], level)
     assert abs(factor(BIPED, "force", K, A, LOAD, T)) == pytest.approx(level, rel=1e-2)
     later = T + np.linspace(1e-3, 30.0, 600)
-    assert np.abs(expm(B * later[:, None, None]) @ start)[:, 0].max() < level
+    assert np.abs(exponential(B * later[:, None, None])[:, 0] @ start).max() < level
 
 
 def test_pd_never_contracts():

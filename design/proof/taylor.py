@@ -43,7 +43,7 @@ class Model:
     def __add__(self, other: Model | float | Array) -> Model:
         """The sum."""
         if not isinstance(other, Model):
-            c = self.c.copy()
+            c = self.c.copy(order="K")
             c[:, 0, 0] += other
             return Model(c, UP * (self.rest + ROUNDING * np.abs(c[:, 0, 0]) + TINY))
         c = self.c + other.c
@@ -68,8 +68,9 @@ class Model:
         sizes_a, sizes_b = np.abs(a), np.abs(b)
         whole = sizes_a[:, 1:].sum(axis=1)
         wholes = sizes_b[:, 1:].sum(axis=1)
-        for i in range(DEGREE + 1):
-            for j in range(DEGREE + 1):
+        of_b = _used(b)
+        for i in _used(a):
+            for j in of_b:
                 if i + j <= DEGREE:
                     c[:, 0, i + j] += a[:, 0, i] * b[:, 0, j]
                     if a.shape[1] > 1:
@@ -113,9 +114,19 @@ class Model:
         return np.asarray((self.c * v ** np.arange(DEGREE + 1)).sum(axis=2))
 
 
+def blank(n: int, k: int) -> Array:
+    """Coefficients (n, 1 + k, DEGREE + 1) of zero, each of them together in memory for all pieces."""
+    return np.zeros((DEGREE + 1, 1 + k, n)).transpose(2, 1, 0)
+
+
+def _used(c: Array) -> list[int]:
+    """Degrees of which a coefficient is not zero."""
+    return [d for d in range(DEGREE + 1) if c[:, :, d].any()]
+
+
 def constant(n: int, k: int, value: float | Array, off: float = 0.0, parts: Sequence[float] = ()) -> Model:
     """``value`` in n pieces, +- ``off``, with ``parts`` (k) that go with the parameters."""
-    c = np.zeros((n, 1 + k, DEGREE + 1))
+    c = blank(n, k)
     c[:, 0, 0] = value
     for i, part in enumerate(parts):
         c[:, 1 + i, 0] = part

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from design.model.closed_loop import closed_loop
 from design.proof.case import NAMES, Case, NotProved, goes_on, longer, pieces
 from design.proof.norm import contracting, dual, inverted, norm
-from design.proof.taylor import DEGREE, ROUNDING, TINY, UP, Model, constant, reciprocal, sine_and_cosine
+from design.proof.taylor import ROUNDING, TINY, UP, Model, blank, constant, reciprocal, sine_and_cosine
 
 Array = NDArray[np.float64]
 
@@ -157,7 +157,7 @@ class _Tube:
         kind, p = self.case.scenario.kind, self._numbers(n)
         signals = []
         for first, last in zip(*ends, strict=True):
-            c = np.zeros((n, 1 + self.k, DEGREE + 1))
+            c = blank(n, self.k)
             c[:, 0, 0], c[:, 0, 1] = 0.5 * (first + last), 0.5 * (last - first)
             slope = NAMES.index("slope")
             if kind == "slope" and slope in self.case.moving:
@@ -179,10 +179,13 @@ class _Tube:
     def _approximation(self) -> tuple[list[Model], Array]:
         """States as models without rest (polynomials by definition), and the gaps (n, size) at the pieces' begins."""
         nominal = self._hermite({})
-        c = np.zeros((self.size, self.n, 1 + self.k, DEGREE + 1))
-        c[:, :, 0, :4] = nominal
+        c = [blank(self.n, self.k) for _ in range(self.size)]
+        for j in range(self.size):
+            c[j][:, 0, :4] = nominal[j]
         for i, k in enumerate(self.case.moving):
-            c[:, :, 1 + i, :4] = 0.5 * (self._hermite({k: 1.0}) - self._hermite({k: -1.0}))
+            moved = 0.5 * (self._hermite({k: 1.0}) - self._hermite({k: -1.0}))
+            for j in range(self.size):
+                c[j][:, 1 + i, :4] = moved[j]
         models = [Model(part, np.zeros(self.n)) for part in c]
         gap = np.zeros((self.n, self.size))
         for j, model in enumerate(models):
@@ -279,7 +282,7 @@ class _Tube:
             return None
         states = []
         for model in self.x:
-            c = np.zeros((1, 1 + self.k, DEGREE + 1))
+            c = blank(1, self.k)
             c[0, :, 0] = model.at(1.0)[-1]
             states.append(Model(c, np.zeros(1)))
         signal = scenario.signal[:, -1:]

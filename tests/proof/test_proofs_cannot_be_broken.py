@@ -92,12 +92,13 @@ def test_bodies_and_worlds_of_the_box_stay_within_its_bounds(world):
         _held(case, found, *case.at(shares))
 
 
+@pytest.mark.slow
 @given(
     kp=st.floats(800.0, 4000.0), kd=st.floats(200.0, 1500.0), kf=st.floats(0.0, 12.0),
     world=st.sampled_from(sorted(WORLDS)), body=st.sampled_from([PAPER, ADULT]), kind=st.sampled_from(["force", "pd"]),
     part=st.sampled_from([0.0, 0.1]),
 )  # fmt: skip
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_random_designs_are_bounded_rightly_or_not_at_all(kp, kd, kf, world, body, kind, part):
     gains = Gains(kp, kd, 0.0 if kind == "pd" else kf)
     case = _case(body, gains, WORLDS[world](body), tuple(part * radius for radius in BOX), kind)
@@ -189,8 +190,9 @@ def test_demands_just_below_and_just_above_what_is_are_not_confused(name):
         assert prove(demanding, CALM, "w").answer in allowed
 
 
+@pytest.mark.slow
 @given(kp=st.floats(300.0, 3500.0), kd=st.floats(50.0, 1200.0), kf=st.floats(0.05, 17.0), degrees=st.floats(0.5, 8.0))
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_a_design_that_dense_sampling_breaks_is_never_proved(kp, kd, kf, degrees):
     world = slope(PAPER, name="w", angle=math.radians(degrees), ramp=0.0, duration=2.0)
     proof = prove(replace(SLOPE, scenarios=(world,)), Gains(kp, kd, kf), "w", seconds=5.0)

@@ -29,12 +29,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.analysis.estimate import WINDOW
+from design.analysis.leftover import factor, factors, iteration, stays_below
 from design.analysis.simulate import simulate
 from design.analysis.survival import slope_limit
 from design.model.body import Biped
 from design.model.environment import Scenario, constant_force
 from design.model.laws import Gains, LawKind
-from design.model.stability import bearing, closed_loop_matrix
+from design.model.stability import bearing
 from design.spec.setting import Setting
 
 Array = NDArray[np.float64]
@@ -44,8 +45,6 @@ SAMPLES = 32
 """Bodies and worlds within the box of [uncertainty], besides its corners (additive recurrence, Roberts 2018)."""
 CHECKED = 6
 """Points of the box at which the iteration is simulated."""
-FINEST = 20_000
-"""The most instants at which the factors are compared with a level."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -99,35 +98,6 @@ class Contraction:
         return self.factor < 1 and self.check.ratio < 1
 
 
-def iteration(
-    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf
-) -> tuple[Array, Array]:
-    """B (3, 3) and the start (1, 0, K_p) of an error of 1 in the states (theta, omega, K_f s).
-
-    Of a law that adapts within ``adapt`` [s], (23) itself and (1, 0, 0, 1) in the states (theta, omega, s, eta).
-    """
-    if math.isfinite(adapt):
-        return closed_loop_matrix(biped, kind, K, A, load, adapt), np.array([1.0, 0.0, 0.0, 1.0])
-    if kind == "pd":
-        gather = 0.0
-    elif kind == "cop":  # s' = tau/load, and the gain of s is K_f (M + m) g/ell (20)
-        gather = K.K_f * biped.weight / (biped.ell * load)
-    else:
-        gather = K.K_f / biped.ell
-    B = [
-        [0.0, 1.0, 0.0],
-        [(A * biped.L - K.K_p) / biped.I, -K.K_d / biped.I, 1.0 / biped.I],
-        [-gather * K.K_p, -gather * K.K_d, gather],
-    ]
-    return np.array(B), np.array([1.0, 0.0, K.K_p])
-
-
-def factor(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, T: float, adapt: float = math.inf) -> float:
-    """rho(T): the part of a small error in the start that a trial of ``T`` [s] leaves."""
-    B, start = iteration(biped, kind, K, A, load, adapt)
-    return float(_left(B[None], start[None], np.array([T]))[0])
-
-
 def contraction(setting: Setting, gains: Gains, scenarios: Sequence[Scenario]) -> Contraction:
     """The largest rho over all environments of ``scenarios`` and all of the spec's [uncertainty]: corners and more."""
     points, corners, samples = box(setting, gains, scenarios)
@@ -138,7 +108,7 @@ def contraction(setting: Setting, gains: Gains, scenarios: Sequence[Scenario]) -
     found = np.zeros(len(points))
     for back in np.linspace(0.0, mean, 11 if mean else 1):
         with np.errstate(all="ignore"):  # what grows without bound counts as infinite
-            part = np.abs(_left(B, start, np.maximum(T - back, 0.0)))
+            part = np.abs(factors(B, start, np.maximum(T - back, 0.0)))
         found = np.maximum(found, np.where(np.isfinite(part), part, np.inf))
     worst = int(np.argmax(found))
     lengths = {level: stays_below(B, start, level) for level in LEVELS}
@@ -197,66 +167,6 @@ def true_gains(setting: Setting, gains: Gains, real: Biped) -> Gains:
     K_F = K_f (M + m) g/ell of law cop, and its P, are computed with the nominal numbers.
     """
     return gains._replace(K_f=gains.K_f * setting.biped.weight / real.weight) if setting.law == "cop" else gains
-
-
-def stays_below(B: Array, start: Array, level: float) -> float | None:
-    """The shortest T [s] from which every |rho(T)| stays below ``level``; None if one of them never does.
-
-    ``B`` (n, 3, 3), ``start`` (n, 3). Sought on a grid of twenty instants a half period or more, up to where the sum of
-    the modes' sizes is below the level; then bisected.
-    """
-    modes, vectors = np.linalg.eig(B)
-    if not (modes.real < -1e-12 * np.abs(modes)).all() or not (modes != 0).all():
-        return None
-    try:
-        sizes = np.abs(vectors[:, 0, :] * np.linalg.solve(vectors, start[:, :, None].astype(complex))[:, :, 0])
-    except np.linalg.LinAlgError:
-        sizes = np.full(modes.shape, 1e8)
-    decay = -modes.real.max(axis=1)
-    horizon = float((np.log(np.maximum(sizes.sum(axis=1) / level, 1.0 + 1e-9)) / decay).max())
-    count = max(2000, math.ceil(20 * horizon * float(np.abs(modes.imag).max()) / math.pi))
-    count = min(count, FINEST)
-    step = horizon / count
-    onward, state, last, over = exponential(B * step), start, 0, np.ones(len(B), dtype=bool)
-    for k in range(1, count + 1):
-        state = np.einsum("nij,nj->ni", onward, state)
-        above = np.abs(state[:, 0]) >= level
-        if above.any():
-            last, over = k, above
-    B, start = B[over], start[over]
-
-    def largest(T: float) -> float:
-        return float(np.abs(_left(B, start, np.full(len(B), T))).max())
-
-    low, high = last * step, (last + 1) * step
-    while high - low > 1e-6 * horizon:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if largest(middle) >= level else (low, middle)
-    return high
-
-
-def _left(B: Array, start: Array, T: Array) -> Array:
-    """The factors rho (n,) of ``B`` (n, 3, 3) and ``start`` (n, 3), each at its own T (n,)."""
-    return np.asarray(np.einsum("nj,nj->n", exponential(B * T[:, None, None])[:, 0], start))
-
-
-def exponential(B: Array) -> Array:
-    """The exponentials of many small matrices (n, k, k): Taylor's series of what is scaled to below 1/2, squared again.
-
-    SciPy's goes through them one by one, and on a machine that is not idle BLAS's threads wait a millisecond in each.
-    """
-    norm = float(np.abs(B).sum(axis=-1).max(initial=0.0))
-    if not math.isfinite(norm):
-        return np.full_like(B, np.inf)
-    halvings = max(0, math.ceil(math.log2(norm)) + 1) if norm > 0 else 0
-    small = B / 2.0**halvings
-    found = term = np.broadcast_to(np.eye(B.shape[-1]), B.shape).copy()
-    for k in range(1, 15):
-        term = np.einsum("nij,njk->nik", term, small) / k
-        found = found + term
-    for _ in range(halvings):
-        found = np.einsum("nij,njk->nik", found, found)
-    return np.asarray(found)
 
 
 def _stacked(points: Sequence[Point], kind: LawKind, adapt: float) -> tuple[Array, Array]:

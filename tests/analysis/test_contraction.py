@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from design.analysis.contraction import box, contraction, exponential, factor, iteration, ratios, stays_below
+from design.analysis.contraction import box, contraction, ratios
 from design.analysis.estimate import static_estimate
+from design.analysis.leftover import exponential, factor, iteration, stays_below
 from design.model.body import Biped
 from design.model.laws import Gains
 from design.model.sensing import Sensors

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from design.analysis.contraction import contraction, factor
+from design.analysis.contraction import contraction
+from design.analysis.leftover import factor
 from design.analysis.simulate import simulate
 from design.analysis.transient import transient
 from design.errors import BadInput

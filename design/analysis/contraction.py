@@ -5,7 +5,7 @@ A trial starts at rest in the posture theta_d with the integral of (14), which i
 them. So in a world that stays, e = theta_d - theta_f goes to theta(T) - theta_f. About the stationary posture, with
 w = K_f s,
 
-    e_next = rho(T) e + O(e³),   rho(T) = [1 0 0] expm(B T) (1, 0, K_p)',
+    e_next = rho(T) e + O(e²),   rho(T) = [1 0 0] expm(B T) (1, 0, K_p)',
     B = [[0, 1, 0], [(A L - K_p)/I, -K_d/I, 1/I], [-g K_p, -g K_d, g]],   g = K_f/ell (11)
 
 ((23) with w for s; for law cop g is (M + m) g/(F_T + F_H) times as large, for pd 0.) The start (e, 0, 0) is not the

@@ -90,10 +90,10 @@ def test_a_measured_force_becomes_a_scenario_that_repeats_the_run(poise, simulat
 
 def test_gains_are_found_against_a_measured_force(poise, simulated):
     _, file = simulated("slope")
-    poise("estimate", file, "--spec", "slope", "--as-spec", "measured.toml", "--every", "0.5")
+    poise("estimate", file, "--spec", "slope", "--as-spec", "measured.toml", "--every", "0.1")
     found = json.loads(poise("synthesize", "measured.toml", "--starts", "1", "--format", "json"))
     assert found["status"] == "solved"
-    assert found["objective"]["value"] == pytest.approx(191, abs=5)
+    assert found["objective"]["value"] == pytest.approx(190.99, abs=3)  # of the run itself
 
 
 def test_the_contact_rows_of_a_recording_are_those_of_the_run(poise, simulated):

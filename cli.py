@@ -30,7 +30,9 @@ app = typer.Typer(
 )
 
 MET, VIOLATED, BAD, UNDECIDED = 0, 1, 2, 3
-CODES = {"met": MET, "violated": VIOLATED, "undecided": UNDECIDED}
+CODES = {
+    "met": MET, "violated": VIOLATED, "undecided": UNDECIDED, "proved": MET, "disproved": VIOLATED, "unknown": UNDECIDED
+}  # fmt: skip
 
 LawName = Literal["pd", "force", "cop"]
 Goal = Literal["decay-rate", "contact-force", "cop-margin", "routh-margin"]
@@ -46,6 +48,7 @@ Form = Annotated[Literal["text", "json"], typer.Option("--format", help="Form of
 Scenario = Annotated[str | None, typer.Option("--scenario", metavar="NAME", help="Only this one.")]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of noise and uncertainty.")]
 Plot = Annotated[str | None, typer.Option("--plot", metavar="FILE", help="Draw it: .png, .svg or .pdf.")]
+TimeLimit = Annotated[float, typer.Option("--time-limit", min=0.1, help="Seconds after which to give up.")]
 READING: dict[str, tuple[Any, str | None, str]] = {
     "columns": (str, "NAME=COLUMN[:UNIT],...", "Which column holds what."),
     "delimiter": (str, None, "tab, comma, semicolon, space, or a sign."),
@@ -133,7 +136,7 @@ def synthesize(
     maximise: Annotated[Goal | None, typer.Option("--maximise", help="Instead of the spec's.")] = None,
     law: LawOption = None,
     starts: Annotated[int | None, typer.Option("--starts", min=1, max=1000, help="Number of starts.")] = None,
-    time_limit: Annotated[float, typer.Option("--time-limit", min=0.1, help="Seconds after which to give up.")] = 600.0,
+    time_limit: TimeLimit = 600.0,
     format: Form = "text",
     output: Output = None,
     strict: Strict = False,
@@ -158,6 +161,8 @@ def report(
     gains: GainsOption = None,
     against: Annotated[str | None, typer.Option("--against", metavar="SPEC|DESIGN", help="Beside another.")] = None,
     record: Annotated[str | None, typer.Option("--record", metavar="FILE", help="Judge this measured trial.")] = None,
+    prove: Annotated[bool, typer.Option("--prove", help="Prove what can be, at every time and over the box.")] = False,
+    time_limit: TimeLimit = 60.0,
     format: Annotated[ReportFormat, typer.Option("--format", help="Form of the output.")] = "text",
     output: Output = None,
     strict: Strict = False,
@@ -171,9 +176,34 @@ def report(
     """
     from design.present import reporting, terminal
 
-    written, verdict = reporting.render(spec, law, gains, against, record, how, format, output, strict=strict)
+    written, verdict = reporting.render(
+        spec, law, gains, against, record, time_limit if prove else None, how, format, output, strict=strict
+    )
     terminal.deliver(written, output)
     raise typer.Exit(CODES[verdict])
+
+
+@app.command()
+def prove(
+    spec: Annotated[str, typer.Argument(metavar="SPEC|DESIGN", help="Spec, or a design.json of `synthesize`.")],
+    scenario: Scenario = None,
+    scale: Annotated[float, typer.Option(min=0.0, max=1e3, help="Of the box of [uncertainty]; 0: no box.")] = 1.0,
+    time_limit: TimeLimit = 60.0,
+    law: LawOption = None,
+    gains: GainsOption = None,
+    format: Form = "text",
+    output: Output = None,
+    strict: Strict = False,
+) -> None:
+    """Prove contact and stability at every time, for every body and world within [uncertainty]; or break them.
+
+    PROVED, DISPROVED (with a counterexample) or UNKNOWN: exit code 0, 1 or 3.
+    """
+    from design.present import proving, terminal
+
+    written, answer = proving.render(spec, law, gains, scenario, scale, time_limit, format, output, strict=strict)
+    terminal.deliver(written, output)
+    raise typer.Exit(CODES[answer])
 
 
 @app.command()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from design.analysis.verdict import judge
 from design.errors import BadInput
 from design.model.laws import Gains, LawKind
@@ -69,3 +71,22 @@ def judged(
         source, problem = beside.source, beside.setting.with_law(problem.law, its)
         its = problem.given_gains()
     return Report(source=source, setting=problem, gains=its, verdict=judge(problem, its, "all"))
+
+
+def proved(report: Report, seconds: float) -> Report:
+    """The report with what can be proved of its rows within ``seconds``; raises ``BadInput`` for a recording."""
+    from design.present import proving
+
+    if report.gains is None:
+        message = "proves what a design does; a recording is judged as it was measured"
+        raise BadInput(message, key="--prove")
+    if not 0 < seconds <= 86400:
+        message = f"is {seconds:g}; needs seconds above 0, at most 86400"
+        raise BadInput(message, key="--prove")
+    problem = report.setting
+    names = [scenario.name for scenario in problem.scenarios]
+    with terminal.progress() as say:
+        proofs = proving.proved_in(problem, report.gains, names, seconds=seconds, say=say)
+    verdict = proving.with_proofs(problem, report.verdict, proofs)
+    said = (*report.remarks, *proving.remarks(proofs))
+    return replace(report, verdict=verdict, remarks=said)

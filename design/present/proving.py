@@ -38,19 +38,21 @@ def render(
     scale: float,
     seconds: float,
     form: str,
+    output: str | None = None,
     *,
     strict: bool = False,
 ) -> tuple[str, Answer]:
     """Prove, and say what came of it in a ``form``, text or json; and the answer over all scenarios."""
     source, problem = opening.opened(reference, law, gains, strict=strict)
     its = problem.given_gains()
+    store.check_writable(output)
     names = [each.name for each in problem.scenarios] if scenario is None else [problem.scenario(scenario).name]
     with terminal.progress() as say:
         proofs = proved_in(problem, its, names, seconds=seconds, scale=scale, say=say)
     answer = overall(proofs)
     if form == "json":
         return store.dumps(document(source, problem, its, proofs, scale)), answer
-    return as_text(source, problem, its, proofs, terminal.painter_for_output()), answer
+    return as_text(source, problem, its, proofs, terminal.painter_for_output(to_file=output is not None)), answer
 
 
 def proved_in(
@@ -185,6 +187,11 @@ def _said(proof: Proof) -> str:
         )
         return f"DISPROVED: {broken.row} is {broken.value:.6g}{at}{f', with {point}' if point else ''} ({took})"
     return f"UNKNOWN {where}: {proof.why}; {100 * proof.share:.3g} % of the box is proved ({took})"
+
+
+def remarks(proofs: list[Proof]) -> tuple[str, ...]:
+    """What a report says of its proofs: for which box, and under which assumptions."""
+    return (*(f"proof, {proof.scenario}: {_said(proof)}" for proof in proofs), f"the proof assumes {ASSUMPTIONS}")
 
 
 def with_proofs(problem: Setting, verdict: Verdict, proofs: list[Proof]) -> Verdict:

@@ -88,7 +88,8 @@ def _json(report: Report) -> dict[str, Any]:
     return {
         "law": report.setting.law if report.gains else None,
         "gains": store.gains_json(report.gains) if report.gains else None,
-        **({"record": store.record_json(report.record), "remarks": report.remarks} if report.record else {}),
+        **({"record": store.record_json(report.record)} if report.record else {}),
+        **({"remarks": report.remarks} if report.remarks else {}),
         "verdict": report.verdict.overall,
         "binding": [{"id": row.id, "scenario": row.scenario} for row in binding(rows)],
         "rows": [store.row_json(row) for row in rows],

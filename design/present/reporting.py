@@ -21,19 +21,25 @@ def render(
     gains: str | None,
     against: str | None,
     record: str | None,
+    prove: float | None,
     how: Reading,
     form: str,
     output: str | None,
     *,
     strict: bool,
 ) -> tuple[str, RowStatus]:
-    """The report in a ``form``, or in the one that the ending of ``output`` asks for, and its verdict."""
+    """The report in a ``form``, or in the one that the ending of ``output`` asks for, and its verdict.
+
+    ``prove``: the seconds to spend on proofs of its rows; None for none.
+    """
     if output and form == "text":
         form = ENDINGS.get(Path(output).suffix, form)
     with drawing.pen(apart=form == "html") as pen:
         from design.present import opening, report
 
         one = opening.judged(spec, law, gains, strict=strict, record=record, how=how)
+        if prove is not None:
+            one = opening.proved(one, prove)
         other = opening.judged(against, strict=strict, beside=one) if against else None
         paint = terminal.painter_for_output(to_file=output is not None)
         return report.render(form, one, other, (spec, against or ""), paint, pen), one.verdict.overall

@@ -79,11 +79,11 @@ def gains_line(gains: Gains, law: str) -> str:
 
 
 def word(row: Row) -> tuple[str, str]:
-    """KEPT, BROKEN, UNDECIDED or (where nothing is required) INFO, and its style."""
+    """PROVED, KEPT, BROKEN, UNDECIDED or (where nothing is required) INFO, and its style."""
     if row.required is None:
         return "INFO", "strong"
     if row.status == "met":
-        return "KEPT", "good"
+        return "PROVED" if row.basis == "proved" else "KEPT", "good"
     if row.status == "undecided":
         return "UNDECIDED", "doubt"
     return ("BROKEN", "bad") if not row.soft else ("broken*", "doubt")
@@ -91,7 +91,7 @@ def word(row: Row) -> tuple[str, str]:
 
 def ranked(rows: Sequence[Row]) -> list[Row]:
     """Worst first: broken, undecided, broken but soft, kept (the smallest part of a margin first), informing."""
-    order = {"BROKEN": 0, "UNDECIDED": 1, "broken*": 2, "KEPT": 3, "INFO": 4}
+    order = {"BROKEN": 0, "UNDECIDED": 1, "broken*": 2, "KEPT": 3, "PROVED": 3, "INFO": 4}
 
     def rank(row: Row) -> tuple[int, float]:
         size = max(abs(row.required or 0.0), abs(row.value or 0.0), 1e-12)

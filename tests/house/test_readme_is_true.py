@@ -1,5 +1,6 @@
 """What the README shows is what the tool prints: words exactly, numbers to five digits."""
 
+import math
 import re
 import subprocess
 import sys
@@ -73,3 +74,35 @@ def test_the_study_of_the_readme_is_what_a_study_finds():
     assert f"synthesized ones {found['force-synthesized']['contact_force_n']['min']:.1f} N (all sampled" in text
     assert "the MPC survives {} of what any ankle can, the paper's gains {}, the".format(*slopes) in text
     assert f"best on the ramp, {slopes[2]}; of a push {pushes[0]}, {pushes[1]} and {pushes[2]}" in text
+
+
+def test_what_adapting_buys_is_what_the_readme_says():
+    from dataclasses import replace
+
+    from design.analysis.survival import step_slope
+    from design.analysis.verdict import judge
+    from design.spec.load import load
+    from design.spec.setting import setting
+
+    problem = setting(load("slope").spec)
+    rows = re.findall(r"^\| (none|[\d.]+ s) \| ([\d.]+) N \| ([\d.]+)° \|$", README, flags=re.MULTILINE)
+    assert len(rows) == 4
+    for adapt, force, slope in rows:
+        other = problem if adapt == "none" else replace(problem, adapt=float(adapt.split()[0]))
+        verdict = judge(other, other.gains)
+        least = min(row.value for row in verdict.rows if row.id in ("toe-force", "heel-force"))
+        assert f"{least:.1f}" == force
+        survived = step_slope(other.loop(), other.gains, other.step).survived
+        assert f"{math.degrees(survived):.2f}" == slope
+
+
+def test_what_is_proved_is_what_the_readme_says():
+    from design.proof.box import prove
+    from design.spec.load import load
+    from design.spec.setting import setting
+
+    problem = setting(load("slope").spec)
+    proof = prove(problem, problem.gains, "ramp")
+    assert f"at least {proof.value['heel-force']:.3f} N under the heel" in README
+    alone = problem.with_law("pd")
+    assert f"the heel lifts at {prove(alone, alone.gains, 'ramp').counterexample.time_s:.3f} s" in README

@@ -12,9 +12,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from design.analysis.verdict import judge
+from design.analysis.verdict import judge, stability_rows
 from design.model.laws import Gains
 from design.model.limits import Required
+from design.model.uncertainty import Spread, Tolerances
+from design.present import opening
 from design.present.explain import explain, pages
 from design.present.html import as_html
 from design.present.report import Report, as_json, as_junit, as_markdown, as_text, binding, comparison
@@ -44,7 +46,8 @@ def _needing(**levels):
 
 
 def test_every_row_has_a_page_and_every_page_a_row():
-    assert {row.id for row in PAPER_REPORT.verdict.rows} == set(pages())
+    adapting = stability_rows(replace(PAPER_REPORT.setting, adapt=0.3), PAPER_REPORT.setting.scenarios[0], PAPER)
+    assert {row.id for row in (*PAPER_REPORT.verdict.rows, *adapting)} == set(pages())
 
 
 def test_a_page_fits_the_terminal_and_an_unknown_one_says_what_there_is():
@@ -126,7 +129,7 @@ def test_each_requirement_is_judged(key, level, kept):
 def test_json_is_strict_and_has_the_rows_of_the_full_report():
     other = _report(gains=Gains(3500.0, 902.6, 8.457))
     data = json.loads(dumps(as_json(PAPER_REPORT, other)), parse_constant=pytest.fail)
-    assert {row["id"] for row in data["rows"]} == set(pages())
+    assert {row["id"] for row in data["rows"]} == set(pages()) - {"adapt-time"}
     assert data["against"]["gains"]["kd"] == 902.6
     for row in data["rows"]:
         assert {
@@ -239,3 +242,22 @@ def test_a_browser_shows_the_page_without_sideways_scrolling(tmp_path, width, da
     assert found["dark"] is dark
     red = int(re.match(r"rgb\((\d+)", found["ink"]).group(1))
     assert (red > 128) is dark
+
+
+def test_a_report_says_what_is_proved_for_which_box_under_which_assumptions():
+    tolerant = replace(setting(SOURCE.spec), tolerances=Tolerances(ell=Spread(part=0.005)))
+    proved = opening.proved(_report(tolerant), 60.0)
+    rows = {row.id: row for row in proved.verdict.rows}
+    for id in ("stiffness", "damping", "routh", "decay-rate", "toe-force", "heel-force", "cop-margin"):
+        assert rows[id].basis == "proved"
+    assert rows["friction"].basis == "sampled"
+    sampled = {row.id: row for row in PAPER_REPORT.verdict.rows}
+    assert 0 < rows["heel-force"].value < sampled["heel-force"].value
+    said = " ".join(as_text(proved, painter(False)).split())
+    assert "PROVED heel-force" in said
+    assert "half length 0.0995 to 0.1005 m" in said
+    assert "no delay" in said
+    assert max(map(len, as_text(proved, painter(False)).splitlines())) <= 80
+    assert "half length 0.0995 to 0.1005 m" in as_html(proved)
+    alone = _report(setting(SOURCE.spec).with_law("pd"), Gains(3500.0, 1200.0, 0.0))
+    assert "DISPROVED: heel-force" in " ".join(as_text(opening.proved(alone, 60.0), painter(False)).split())

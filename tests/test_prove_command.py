@@ -1,0 +1,85 @@
+"""`poise prove` and `poise report --prove`: three answers, their exit codes, and nothing in between."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CLI = Path(__file__).resolve().parents[1] / "cli.py"
+BOX = "\n[uncertainty]\nmass_kg = { percent = 1 }\nslope_deg = 0.5\nhalf_length_m = { percent = 1 }\n"
+
+
+def _poise(*arguments, text=None):
+    return subprocess.run(
+        [sys.executable, str(CLI), *map(str, arguments)], capture_output=True, text=True, check=False, input=text
+    )
+
+
+def _spec(name="slope", more=""):
+    return _poise("init", name).stdout + more
+
+
+def test_a_box_is_proved_and_the_document_says_which():
+    ran = _poise("prove", "-", "--gains", "3500,606.2,5.61", "--format", "json", text=_spec(more=BOX))
+    assert ran.returncode == 0, ran.stderr
+    data = json.loads(ran.stdout)
+    assert (data["command"], data["verdict"]) == ("prove", "proved")
+    rows = {row["id"]: row for row in data["rows"]}
+    assert {"toe-force", "heel-force", "cop-margin", "routh", "decay-rate"} <= set(rows)
+    assert all(row["basis"] == "proved" and row["status"] == "met" for row in rows.values())
+    assert 100 < rows["heel-force"]["value"] < 180
+    box = data["scenarios"][0]["box"]
+    assert box["mass"] == {"from": pytest.approx(49.5), "to": pytest.approx(50.5), "unit": "kg"}
+    assert box["slope"]["to"] == pytest.approx(30.5)
+    assert data["scenarios"][0]["share_of_box"] == 1.0
+
+
+def test_what_is_broken_is_disproved_with_its_instant():
+    ran = _poise("prove", "slope", "--law", "pd")
+    assert ran.returncode == 1
+    assert "DISPROVED: heel-force" in ran.stdout
+    assert "at 1.176 s" in ran.stdout
+
+
+def test_what_cannot_be_decided_is_unknown():
+    ran = _poise("prove", "slope", "--law", "cop")
+    assert ran.returncode == 3
+    assert "UNKNOWN" in ran.stdout
+    assert "PROVED " not in ran.stdout.replace("UNPROVED", "")
+
+
+def test_a_box_that_is_too_large_says_how_much_of_it_is_proved_or_breaks_it():
+    large = "\n[uncertainty]\nmass_kg = { percent = 30 }\ncom_height_m = { percent = 30 }\n"
+    ran = _poise("prove", "-", "--format", "json", "--time-limit", "5", text=_spec(more=large))
+    data = json.loads(ran.stdout)
+    assert data["verdict"] in ("disproved", "unknown")
+    assert ran.returncode == {"disproved": 1, "unknown": 3}[data["verdict"]]
+    assert data["scenarios"][0]["why"]
+    assert _poise("prove", "-", "--scale", "0", text=_spec(more=large)).returncode == 0
+
+
+def test_a_report_proves_on_demand():
+    ran = _poise("report", "slope", "--prove", "--format", "json")
+    assert ran.returncode == 0
+    data = json.loads(ran.stdout)
+    basis = {row["id"]: row["basis"] for row in data["rows"]}
+    assert basis["heel-force"] == basis["routh"] == "proved"
+    assert basis["torque"] == "sampled"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("prove", "nothing.toml"), "nothing.toml"),
+        (("prove", "slope", "--scenario", "rampe"), "ramp"),
+        (("prove", "slope", "--scale", "-1"), "scale"),
+        (("prove", "slope", "-o", "/nowhere/at/all.json"), "all.json"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, said):
+    ran = _poise(*arguments)
+    assert ran.returncode == 2
+    assert said in ran.stderr
+    assert "Traceback" not in ran.stderr

@@ -189,6 +189,7 @@ def prove(
     scenario: Scenario = None,
     scale: Annotated[float, typer.Option(min=0.0, max=1e3, help="Of the box of [uncertainty]; 0: no box.")] = 1.0,
     time_limit: TimeLimit = 60.0,
+    largest: Annotated[bool, typer.Option("--largest", help="Also seek the largest box that is proved.")] = False,
     law: LawOption = None,
     gains: GainsOption = None,
     format: Form = "text",
@@ -201,7 +202,9 @@ def prove(
     """
     from design.present import proving, terminal
 
-    written, answer = proving.render(spec, law, gains, scenario, scale, time_limit, format, output, strict=strict)
+    written, answer = proving.render(
+        spec, law, gains, scenario, scale, time_limit, format, output, largest=largest, strict=strict
+    )
     terminal.deliver(written, output)
     raise typer.Exit(CODES[answer])
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 from design.analysis.rows import Row, Verdict
+from design.errors import BadInput
 from design.model.laws import Gains, LawKind
 from design.present import opening, store, terminal, text
 from design.proof.box import Answer, Proof, levels, prove
+from design.proof.largest import Largest
+from design.proof.largest import largest as find_largest
 from design.spec.load import Source
 from design.spec.setting import Setting
 
@@ -40,6 +43,7 @@ def render(
     form: str,
     output: str | None = None,
     *,
+    largest: bool = False,
     strict: bool = False,
 ) -> tuple[str, Answer]:
     """Prove, and say what came of it in a ``form``, text or json; and the answer over all scenarios."""
@@ -49,10 +53,22 @@ def render(
     names = [each.name for each in problem.scenarios] if scenario is None else [problem.scenario(scenario).name]
     with terminal.progress() as say:
         proofs = proved_in(problem, its, names, seconds=seconds, scale=scale, say=say)
+        sizes = _sizes(problem, its, names, seconds, say) if largest else []
     answer = overall(proofs)
     if form == "json":
-        return store.dumps(document(source, problem, its, proofs, scale)), answer
-    return as_text(source, problem, its, proofs, terminal.painter_for_output(to_file=output is not None)), answer
+        sized = {"largest": [asdict(size) | {"ratio": size.ratio} for size in sizes]} if largest else {}
+        return store.dumps(document(source, problem, its, proofs, scale) | sized), answer
+    paint = terminal.painter_for_output(to_file=output is not None)
+    return as_text(source, problem, its, proofs, sizes, paint), answer
+
+
+def _sizes(
+    problem: Setting, gains: Gains, names: list[str], seconds: float, say: Callable[[str], None]
+) -> list[Largest]:
+    try:
+        return [find_largest(problem, gains, name, seconds=seconds / len(names), say=say) for name in names]
+    except ValueError as error:
+        raise BadInput(str(error), key="--largest") from None
 
 
 def proved_in(
@@ -147,7 +163,12 @@ def _counterexample(proof: Proof) -> dict[str, Any] | None:
 
 
 def as_text(
-    source: Source, problem: Setting, gains: Gains, proofs: list[Proof], paint: Callable[[str, str], str]
+    source: Source,
+    problem: Setting,
+    gains: Gains,
+    proofs: list[Proof],
+    sizes: list[Largest],
+    paint: Callable[[str, str], str],
 ) -> str:
     """The rows, the box, the assumptions, and the answer, at most 80 wide but for names."""
     words = {"met": ("PROVED", "good"), "violated": ("DISPROVED", "bad"), "undecided": ("UNKNOWN", "warn")}
@@ -164,6 +185,13 @@ def as_text(
     lines.append("")
     for proof in proofs:
         lines += textwrap.wrap(f"{proof.scenario}: {_said(proof)}", 78, subsequent_indent="  ")
+    for size in sizes:
+        said = (
+            f"{size.scenario}: {size.proved:.3g} times the box of [uncertainty] is proved; "
+            + (f"even {size.unbroken:g}" if size.beyond else f"{size.unbroken:.3g}")
+            + f" times it is not broken by sampling its corners and inside: {100 * size.ratio:.0f} % of that is proved"
+        )
+        lines += textwrap.wrap(said, 78, subsequent_indent="  ")
     lines += ["", *textwrap.wrap(f"Assumes {ASSUMPTIONS}.", 78), ""]
     answer = overall(proofs)
     style = {"proved": "good", "disproved": "bad", "unknown": "warn"}[answer]

@@ -14,10 +14,12 @@ from fractions import Fraction
 from itertools import product
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from design.proof.case import Case, NotProved
 from design.proof.taylor import TINY, UP
+from design.solvers.conic import Clarabel, Cone, ConicProgram, triangle
 
 Array = NDArray[np.float64]
 
@@ -25,8 +27,11 @@ SHARES = (0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 0.97)
 """Parts of the decay rate at which a norm is looked for."""
 
 
-def contracting(case: Case, G: tuple[float, float]) -> tuple[Array, float]:
-    """P and a rate > 0 that is proved for all G in its range and all bodies of the box; raises ``NotProved``."""
+def contracting(case: Case, G: tuple[float, float], defect: Array) -> tuple[Array, float]:
+    """P and a rate > 0 that is proved for all G in its range and all bodies of the box; raises ``NotProved``.
+
+    Of the norms that are tried it is the one in which a ``defect`` (n,) of these sizes moves toe and heel force least.
+    """
     biped, radii = case.biped, case.radii
     size = 2 if case.kind == "pd" else 3
     inertia = [1.0 / (biped.I - radii[2]), 1.0 / (biped.I + radii[2])]
@@ -41,20 +46,22 @@ def contracting(case: Case, G: tuple[float, float]) -> tuple[Array, float]:
         raise NotProved(message)
     K = case.gains
     felt = np.array([K.K_p, K.K_d, K.K_f][:size])  # in toe and heel force
+    shifts = [middle + share * decay * np.eye(size) for share in SHARES]
+    tried = [_lyapunov(shift, weight) for weight in _weights(middle, felt) for shift in shifts]
+    if case.moving:
+        tried += [P for share in SHARES if (P := _optimal(corners, felt, defect, share * decay)) is not None]
     best: tuple[float, Array, float] | None = None
-    for weight in _weights(middle, felt):
-        for share in SHARES:
-            try:
-                P = _lyapunov(middle + share * decay * np.eye(size), weight)
-                root = np.linalg.inv(np.linalg.cholesky(P).T)
-            except np.linalg.LinAlgError:
-                continue
-            worst = max(float(np.linalg.eigvalsh(root.T @ (P @ J + J.T @ P) @ root).max()) for J in corners)
-            if worst >= 0:
-                continue
-            cost = math.sqrt(P[1, 1] * float(felt @ np.linalg.solve(P, felt))) / -worst  # from defect to force
-            if best is None or cost < best[0]:
-                best = cost, P, -0.5 * worst
+    for P in tried:
+        try:
+            root = np.linalg.inv(np.linalg.cholesky(P).T)
+        except np.linalg.LinAlgError:
+            continue
+        worst = max(float(np.linalg.eigvalsh(root.T @ (P @ J + J.T @ P) @ root).max()) for J in corners)
+        if worst >= 0:
+            continue
+        cost = math.sqrt(float(defect @ np.abs(P) @ defect) * float(felt @ np.linalg.solve(P, felt))) / -worst
+        if best is None or cost < best[0]:
+            best = cost, P, -0.5 * worst
     if best is None:
         message = "no norm in which the loop contracts over the whole tube and box was found"
         raise NotProved(message)
@@ -91,6 +98,52 @@ def _lyapunov(A: Array, weight: Array) -> Array:
     n = len(A)
     eye = np.eye(n)
     P = np.linalg.solve(np.kron(eye, A.T) + np.kron(A.T, eye), -weight.ravel()).reshape(n, n)
+    return np.asarray(0.5 * (P + P.T))
+
+
+def _optimal(corners: Sequence[Array], felt: Array, defect: Array, rate: float) -> Array | None:
+    """P with P J + Jᵀ P <= -2 rate P at all ``corners`` for which a defect moves the forces least; None if none is.
+
+    minimise t over P, t subject to sum of n defect_i² P_ii = 1, feltᵀ P⁻¹ felt <= t, and the inequalities: a small
+    semidefinite program, in coordinates in which every state is felt alike.
+    """
+    n = len(felt)
+    scale = np.where(felt > 0, 1.0 / np.maximum(felt, 1e-12), 1.0)
+    moved = [J * scale[None, :] / scale[:, None] for J in corners]
+    weight = defect / scale
+    weight = np.maximum(weight / max(float(weight.max()), 1e-300), 1e-6)
+    basis = []
+    for i in range(n):
+        for j in range(i + 1):
+            E = np.zeros((n, n))
+            E[i, j] = E[j, i] = 1.0
+            basis.append(E)
+
+    def bordered(E: Array, corner: float) -> Array:
+        return np.block([[np.array([[corner]]), np.zeros((1, n))], [np.zeros((n, 1)), E]])
+
+    columns = [
+        np.concatenate([
+            [float((n * weight**2) @ np.diag(E))], -triangle(bordered(E, 0.0)),
+            *[triangle(E @ J + J.T @ E + 2 * rate * E) for J in moved],
+        ])
+        for E in basis
+    ]  # fmt: skip
+    each = n * (n + 1) // 2
+    last = np.concatenate([[0.0], -triangle(bordered(np.zeros((n, n)), 1.0)), np.zeros(each * len(moved))])
+    constant = np.zeros((n + 1, n + 1))
+    constant[0, 1:] = constant[1:, 0] = 1.0  # felt, in these coordinates
+    slack = np.tile(triangle(1e-7 * np.eye(n)), len(moved))
+    b = np.concatenate([[1.0], triangle(constant), -slack])
+    count = len(basis) + 1
+    program = ConicProgram(
+        P=sp.csc_matrix((count, count)), q=np.eye(count)[-1], A=sp.csc_matrix(np.column_stack([*columns, last])), b=b,
+        cones=[Cone("zero", 1), Cone("semidefinite", n + 1), *[Cone("semidefinite", n) for _ in moved]],
+    )  # fmt: skip
+    answer = Clarabel(program, seconds=2.0).solve()
+    if not np.isfinite(answer.x).all():  # whether it is any good is for others to say
+        return None
+    P = sum(float(value) * E for value, E in zip(answer.x[:-1], basis, strict=True)) / np.outer(scale, scale)
     return np.asarray(0.5 * (P + P.T))
 
 

@@ -260,7 +260,7 @@ class _Tube:
         assumed = 1e-6  # in theta [rad]
         for _ in range(ROUNDS):
             G = self._stiffness(parts, end, assumed)
-            P, rate = contracting(self.case, G)
+            P, rate = contracting(self.case, G, defects.max(axis=0))
             inverse = inverted(P)
             D, tail = self._radius(P, rate, defects, gap, end)
             widest = max(float(D.max()), tail)

@@ -69,6 +69,17 @@ def test_a_report_proves_on_demand():
     assert basis["torque"] == "sampled"
 
 
+def test_what_a_body_of_the_box_breaks_is_broken_in_the_report():
+    wide = "\n[uncertainty]\nslope_deg = 8\n"
+    assert _poise("report", "-", text=_spec("slope", wide)).returncode == 0
+    ran = _poise("report", "-", "--prove", "--format", "json", text=_spec("slope", wide))
+    assert ran.returncode == 1, ran.stderr
+    row = next(row for row in json.loads(ran.stdout)["rows"] if row["id"] == "heel-force")
+    assert row["status"] == "violated"
+    assert row["value"] < 0
+    assert "break it" in row["note"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

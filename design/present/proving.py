@@ -223,24 +223,33 @@ def remarks(proofs: list[Proof]) -> tuple[str, ...]:
 
 
 def with_proofs(problem: Setting, verdict: Verdict, proofs: list[Proof]) -> Verdict:
-    """A report's verdict in which proved rows say so: their value is then a bound for all times and the whole box."""
-    proved = {(row.scenario, row.id): row for row in rows(problem, proofs) if row.basis == "proved"}
+    """A report's verdict in which proved rows say so, with a bound for their value, and disproved ones are violated."""
+    found = {(row.scenario, row.id): row for row in rows(problem, proofs) if row.status != "undecided"}
     boxes = {proof.scenario: bool(proof.box) for proof in proofs}
-    changed = []
-    for row in verdict.rows:
-        better = proved.get((row.scenario, row.id))
-        if better is None:
-            changed.append(row)
-            continue
-        reach = "all times and the whole box of [uncertainty]" if boxes[str(row.scenario)] else "all times"
-        if row.id in ("stiffness", "damping", "routh"):
-            changed.append(replace(row, basis="proved", note=_joined(row.note, f"proved for {reach}")))
-            continue
-        sampled = f"; {row.value:.6g} at the samples" if row.value is not None else ""
-        note = _joined(row.note, f"proved for {reach}{sampled}")
-        margin = None if row.required is None else better.margin
-        changed.append(replace(row, basis="proved", value=better.value, margin=margin, note=note, time_s=better.time_s))
+    changed = [
+        _replaced(row, better, box=boxes[str(row.scenario)])
+        if (better := found.get((row.scenario, row.id))) is not None
+        else row
+        for row in verdict.rows
+    ]
     return replace(verdict, rows=tuple(changed))
+
+
+def _replaced(row: Row, better: Row, *, box: bool) -> Row:
+    reach = "all times and the whole box of [uncertainty]" if box else "all times"
+    if better.status == "violated":
+        note = "a body and world of the box of [uncertainty] break it" if box else "broken"
+        return replace(better, required=row.required if row.required is not None else better.required,
+                       note=_joined(row.note, note))  # fmt: skip
+    if row.id in ("stiffness", "damping", "routh"):  # these show both sides; proved is their distance
+        said = f"proved for {reach}: the margin is at least {better.value:.6g}"
+        return replace(row, basis="proved", note=_joined(row.note, said))
+    sampled = f"; {row.value:.6g} at the samples" if row.value is not None else ""
+    margin = None if row.required is None else better.margin
+    return replace(
+        row, basis="proved", value=better.value, margin=margin, time_s=better.time_s,
+        note=_joined(row.note, f"proved for {reach}{sampled}"),
+    )  # fmt: skip
 
 
 def _joined(note: str, more: str) -> str:

@@ -76,7 +76,7 @@ def larger(
 
     def block(columns: Sequence[Array], constant: Array) -> None:
         """A matrix that is affine in the unknowns and at least 0."""
-        rows.append(-np.column_stack([triangle(part) for part in columns]))
+        rows.append(-_triangles(np.array(columns)).T)
         b.append(triangle(constant))
         cones.append(Cone("semidefinite", len(constant)))
 
@@ -125,3 +125,9 @@ def larger(
     )
     answer = Clarabel(program, tolerance=TOLERANCE, seconds=10.0).solve()
     return matrix(answer.x[:6]) if answer.solved else None
+
+
+def _triangles(stack: Array) -> Array:
+    """``triangle`` of each of many matrices (k, n, n)."""
+    j, i = np.tril_indices(stack.shape[1])
+    return np.asarray(stack[:, i, j] * np.where(i == j, 1.0, np.sqrt(2.0)))

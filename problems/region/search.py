@@ -15,7 +15,7 @@ from design.model.environment import Scenario
 from design.model.laws import Gains
 from design.spec.setting import Setting
 from problems.region.check import broken
-from problems.region.loop import Loop, NoRegion, middle, posed
+from problems.region.loop import Loop, NoRegion, coarse, middle, posed
 from problems.region.program import Asked, larger, multipliers
 
 Array = NDArray[np.float64]
@@ -41,12 +41,12 @@ class Region:
     """States (e, omega, w) [rad, rad/s, N m] with (e, omega, w) P (e, omega, w)ᵀ <= 1, from which the loop recovers.
 
     e = theta - ``theta_f`` [rad]; w = K_f s less its stationary value; ``P``, ``Q`` = P^-1 (3, 3). ``alpha`` [1/s]:
-    V = xᵀ P x falls at least as exp(-2 alpha t). ``e_max`` [rad] bounds |e| in it; ``multipliers`` belong to
-    ``Loop.demands``. ``volume`` [rad² N m/s]. From rest with the integral at rest: ``angle`` [rad]; ``push`` [rad/s]
-    from the stationary posture; ``turn`` [rad] of ground under a body that was at rest. ``strip`` [rad]: half the width
-    of the capturable strip |e + omega/Omega| <= ell (F_T + F_H)/(A L), the loads being those at rest; ``share`` of it
-    that the region reaches. ``tried``: (e_max, volume) before rounding. ``scaled``: volume against that of the best
-    ellipsoid of Lyapunov's equation with equal weights.
+    V = xᵀ P x falls at least as exp(-2 alpha t); ``decay`` [1/s] is the linear loop's rate. ``e_max`` [rad] bounds |e|
+    in it; ``multipliers`` belong to ``Loop.demands``. ``volume`` [rad² N m/s]. ``turn`` [rad] of ground under a body
+    that was at rest; ``push`` [rad/s] from rest; ``angle`` [rad] with the integral at rest. ``strip`` [rad]: half the
+    width of the capturable strip |e + omega/Omega| <= ell (F_T + F_H)/(A L), the load being that at rest; ``share`` of
+    it that the region reaches. ``tried``: (e_max, volume) before rounding. ``scaled``: volume against that of the
+    ellipsoid of Lyapunov's equation with equal weights, made as large as it may be.
     """
 
     scenario: str
@@ -55,6 +55,7 @@ class Region:
     Q: Array
     e_max: float
     alpha: float
+    decay: float
     multipliers: Array
     volume: float
     angle: float
@@ -96,7 +97,7 @@ def solve(setting: Setting, scenario: Scenario, gains: Gains, *, alpha: float | 
         T = best(loop, e_max, alpha + stricter * decay, tried[e_max])
         found = None if T is None else _proved(loop, T, e_max, alpha)
         if found is not None:
-            return _region(loop, scenario.name, *found, e_max, alpha, tried, start)
+            return _region(loop, scenario.name, *found, e_max, alpha, decay, tried, start)
     message = "an ellipsoid was found, but not proved after rounding"
     raise NoRegion(message)
 
@@ -116,13 +117,14 @@ def best(loop: Loop, e_max: float, alpha: float, start: Array) -> Array | None:
             return None if k == 0 else T
         T = T @ root
         grown = float(np.log(np.diag(root)).sum())
-        if k > 0 and abs(grown) < 1e-7:
+        if k > 0 and abs(grown) < 1e-6:
             break
     return T
 
 
 def _floats(loop: Loop, e_max: float) -> tuple[list[Array], list[Asked]]:
-    bound = Fraction(e_max)
+    """Vertices and demands for the search."""
+    bound, loop = Fraction(e_max), coarse(loop)
     vertices = [middle(A) for A in loop.vertices(bound)]
     asked = [Asked(middle([each.h])[0], middle(each.S), float(each.room.low)) for each in loop.demands(bound)]
     return vertices, asked
@@ -203,7 +205,15 @@ def _proved(loop: Loop, T: Array, e_max: float, alpha: float) -> tuple[Array, Ar
 
 
 def _region(
-    loop: Loop, name: str, P: Array, lam: Array, e_max: float, alpha: float, tried: dict[float, Array], start: Array
+    loop: Loop,
+    name: str,
+    P: Array,
+    lam: Array,
+    e_max: float,
+    alpha: float,
+    decay: float,
+    tried: dict[float, Array],
+    start: Array,
 ) -> Region:
     Q = np.linalg.inv(P)
     Q = 0.5 * (Q + Q.T)
@@ -215,10 +225,11 @@ def _region(
     fall, turn = np.array([1.0, 1.0 / Omega, 0.0]), np.array([1.0, 0.0, number["K_p"]])
     ball = 4 / 3 * math.pi
     volume = ball / math.sqrt(float(np.linalg.det(P)))
-    plain = max(_size(_fitted(start, _floats(loop, each)[1], each)) for each in (*GRID, e_max))
+    plain = _size(_fitted(start, _floats(loop, e_max)[1], e_max))
+    at_rest = math.sqrt(float(turn @ P @ turn))
     return Region(
-        scenario=name, theta_f=loop.theta_f, P=P, Q=Q, e_max=e_max, alpha=alpha, multipliers=lam, volume=volume,
-        angle=1 / math.sqrt(P[0, 0]), push=1 / math.sqrt(P[1, 1]), turn=1 / math.sqrt(float(turn @ P @ turn)),
+        scenario=name, theta_f=loop.theta_f, P=P, Q=Q, e_max=e_max, alpha=alpha, decay=decay, multipliers=lam,
+        volume=volume, angle=1 / math.sqrt(P[0, 0]), push=1 / math.sqrt(P[1, 1]), turn=1 / at_rest,
         Omega=Omega, strip=strip, share=math.sqrt(float(fall @ Q @ fall)) / strip, load=number["load"],
         level=number["level"], scaled=volume / (ball * math.exp(plain)),
         tried=tuple(sorted((each, ball * math.exp(_size(T))) for each, T in tried.items())),

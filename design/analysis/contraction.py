@@ -102,7 +102,7 @@ def contraction(setting: Setting, gains: Gains, scenarios: Sequence[Scenario]) -
     """The largest rho over all environments of ``scenarios`` and all of the spec's [uncertainty]: corners and more."""
     points, corners, samples = box(setting, gains, scenarios)
     kind = setting.law
-    B, start = _stacked(points, kind, setting.adapt)
+    B, start = _stacked(points, kind, setting.adapt, setting.biped)
     T = np.array([point.duration for point in points])
     mean = 0.0 if setting.sensors.exact else WINDOW
     found = np.zeros(len(points))
@@ -169,8 +169,8 @@ def true_gains(setting: Setting, gains: Gains, real: Biped) -> Gains:
     return gains._replace(K_f=gains.K_f * setting.biped.weight / real.weight) if setting.law == "cop" else gains
 
 
-def _stacked(points: Sequence[Point], kind: LawKind, adapt: float) -> tuple[Array, Array]:
-    both = [iteration(point.biped, kind, point.gains, point.A, point.load, adapt) for point in points]
+def _stacked(points: Sequence[Point], kind: LawKind, adapt: float, known: Biped) -> tuple[Array, Array]:
+    both = [iteration(point.biped, kind, point.gains, point.A, point.load, adapt, known) for point in points]
     return np.array([B for B, _ in both]), np.array([start for _, start in both])
 
 
@@ -191,7 +191,9 @@ def _checked(setting: Setting, points: Sequence[Point], found: Array, brief: flo
         plans = [(point.duration, 1)] + ([(min(brief, point.duration), 3)] if brief is not None else [])
         for T, times in plans:
             with np.errstate(all="ignore"):
-                rho = factor(point.biped, setting.law, point.gains, point.A, point.load, T, setting.adapt)
+                rho = factor(
+                    point.biped, setting.law, point.gains, point.A, point.load, T, setting.adapt, setting.biped
+                )
             for measured in ratios(setting, point, e, T, times):
                 runs += 1
                 ratio, off = max(ratio, abs(measured)), max(off, abs(measured - rho))
@@ -209,7 +211,8 @@ def ratios(setting: Setting, point: Point, e: float, T: float, times: int) -> li
     found = []
     for _ in range(times):
         theta_d = theta_f + e
-        loop = replace(setting, biped=biped, theta_d=theta_d).loop()
+        known = setting.biped if math.isfinite(setting.adapt) else None
+        loop = replace(setting, biped=biped, known=known, theta_d=theta_d).loop()
         run = simulate(loop, replace(world, theta0=theta_d), point.gains, setting.step)
         e_next = math.inf if run.fallen is not None else float(run.theta[-1]) - theta_f
         found.append(e_next / e)

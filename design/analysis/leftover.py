@@ -23,14 +23,21 @@ FINEST = 20_000
 
 
 def iteration(
-    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf
+    biped: Biped,
+    kind: LawKind,
+    K: Gains,
+    A: float,
+    load: float,
+    adapt: float = math.inf,
+    known: Biped | None = None,
 ) -> tuple[Array, Array]:
     """B (3, 3) and the start (1, 0, K_p) of an error of 1 in the states (theta, omega, K_f s).
 
-    Of a law that adapts within ``adapt`` [s], (23) itself and (1, 0, 0, 1) in the states (theta, omega, s, eta).
+    Of a law that adapts within ``adapt`` [s], reckoning with the body that is ``known`` to it, (23) itself and
+    (1, 0, 0, 1) in the states (theta, omega, s, eta).
     """
     if math.isfinite(adapt):
-        return closed_loop_matrix(biped, kind, K, A, load, adapt), np.array([1.0, 0.0, 0.0, 1.0])
+        return closed_loop_matrix(biped, kind, K, A, load, adapt, known), np.array([1.0, 0.0, 0.0, 1.0])
     if kind == "pd":
         gather = 0.0
     elif kind == "cop":  # s' = tau/load, and the gain of s is K_f (M + m) g/ell (20)
@@ -45,9 +52,18 @@ def iteration(
     return np.array(B), np.array([1.0, 0.0, K.K_p])
 
 
-def factor(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, T: float, adapt: float = math.inf) -> float:
+def factor(
+    biped: Biped,
+    kind: LawKind,
+    K: Gains,
+    A: float,
+    load: float,
+    T: float,
+    adapt: float = math.inf,
+    known: Biped | None = None,
+) -> float:
     """rho(T): the part of a small error in the start that a trial of ``T`` [s] leaves."""
-    B, start = iteration(biped, kind, K, A, load, adapt)
+    B, start = iteration(biped, kind, K, A, load, adapt, known)
     return float(factors(B[None], start[None], np.array([T]))[0])
 
 

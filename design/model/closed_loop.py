@@ -64,7 +64,7 @@ class ClosedLoop:
 
     @property
     def _swing(self) -> float:
-        return swing(self.biped, self.law.adapt)
+        return swing(self.law.biped, self.law.adapt)
 
     @property
     def biped(self) -> Biped:
@@ -73,12 +73,15 @@ class ClosedLoop:
 
 
 @lru_cache(maxsize=16)
-def closed_loop(biped: Biped, kind: LawKind, theta_d: float = 0.0, adapt: float = math.inf) -> ClosedLoop:
+def closed_loop(
+    biped: Biped, kind: LawKind, theta_d: float = 0.0, adapt: float = math.inf, known: Biped | None = None
+) -> ClosedLoop:
     """Close the loop around ``biped`` with the law of this ``kind`` and desired angle ``theta_d`` [rad]; built once.
 
-    ``adapt`` [s]: the time within which theta_d follows the estimated posture; infinite if it does not.
+    ``adapt`` [s]: the time within which theta_d follows the estimated posture; infinite if it does not. ``known``: the
+    body that the law reckons with, where it is another than the real one.
     """
-    body, control = plant(biped), law(kind, biped, theta_d, adapt)
+    body, control = plant(biped), law(kind, known or biped, theta_d, adapt)
     n = 2 + control.memory_rate.size1_in(1)
     z, F, K = ca.SX.sym("z", n), ca.SX.sym("F", 2), ca.SX.sym("K", 3)
     x, memory = z[:2], z[2:]

@@ -69,13 +69,14 @@ class Controller(Protocol[Memory]):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Law:
-    """A law in continuous time.
+    """A law in continuous time, for the ``biped`` that it knows.
 
     ``torque``: (x (2), memory, K (3)) -> tau [N m]. ``memory_rate``: (x, memory, F_T_F_H (2)) -> memory'. The memory is
     s, or (s, eta) where the law adapts within ``adapt`` [s]. K = (K_p, K_d, K_f).
     """
 
     kind: LawKind
+    biped: Biped
     theta_d: float
     adapt: float
     torque: ca.Function
@@ -99,6 +100,7 @@ def law(kind: LawKind, biped: Biped, theta_d: float = 0.0, adapt: float = math.i
         rate = ca.vertcat(rate, _follow(biped, adapt, aim, x[0], forces[0], forces[1]))
     return Law(
         kind=kind,
+        biped=biped,
         theta_d=theta_d,
         adapt=adapt,
         torque=ca.Function(

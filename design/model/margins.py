@@ -192,17 +192,12 @@ def sampled_matrix(
 ) -> Array:
     """The loop over one ``period`` [s] with the torque held: exact, for the states (theta, omega, s), and eta.
 
-    The law reads the states at the beginning of the period; its integrals go on by themselves, as a force plate's do.
+    The law reads the states at the beginning of the period; its integral goes on by itself, as a force plate's does.
+    A law that adapts is taken as ``design.model.laws.AdaptingLaw`` is: both integrals by Euler's rule from the forces
+    that are read, which still are those of the torque before; it is the fifth state.
     """
     if math.isfinite(adapt):
-        import scipy.linalg
-
-        b, lever = swing(biped, adapt), biped.M * biped.g * biped.L
-        free = np.zeros((5, 5))  # the states, and the torque that is held
-        free[0, 1], free[1, 0], free[1, 4], free[2, 4] = 1.0, A * biped.L / biped.I, 1 / biped.I, 1 / biped.ell
-        free[3] = np.array([1.0, b, 0.0, -1.0, 1 / lever]) / adapt
-        through = scipy.linalg.expm(free * period)[:4]
-        return np.asarray(through[:, :4] + np.outer(through[:, 4], [-K.K_p, -K.K_d - K.K_p * b, K.K_f, K.K_p]))
+        return _adapting_matrix(biped, K, A, period, adapt)
     Omega = math.sqrt(max(A * biped.L / biped.I, 1e-12))
     c, sh = math.cosh(Omega * period), math.sinh(Omega * period)
     free = np.array([[c, sh / Omega], [Omega * sh, c]])
@@ -214,6 +209,23 @@ def sampled_matrix(
     open_loop = np.zeros((3, 3))
     open_loop[:2, :2], open_loop[2, 2] = free, 1.0
     return np.asarray(open_loop + np.outer([*push, period / biped.ell], torque))
+
+
+def _adapting_matrix(biped: Biped, K: Gains, A: float, period: float, adapt: float) -> Array:
+    """(5, 5): theta, omega, s, eta, and the torque of the last period."""
+    Omega = math.sqrt(max(A * biped.L / biped.I, 1e-12))
+    c, sh = math.cosh(Omega * period), math.sinh(Omega * period)
+    b, lever = swing(biped, adapt), biped.M * biped.g * biped.L
+    torque = np.array([-K.K_p, -K.K_d - K.K_p * b, K.K_f, K.K_p, 0.0])
+    found = np.zeros((5, 5))
+    found[0, :2], found[1, :2] = [c, sh / Omega], [Omega * sh, c]
+    found[0] += (c - 1.0) / (Omega**2 * biped.I) * torque
+    found[1] += sh / (Omega * biped.I) * torque
+    found[2, 2], found[2, 4] = 1.0, period / biped.ell
+    found[3] = period / adapt * np.array([1.0, b, 0.0, -1.0, 1.0 / lever])
+    found[3, 3] += 1.0
+    found[4] = torque
+    return found
 
 
 def longest_period(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf) -> float:

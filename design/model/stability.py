@@ -130,19 +130,28 @@ def shortest_adaptation(biped: Biped, K: Gains, A: float, adapt: float) -> float
     return next((1.0 / rate for rate in rates if rate > from_ * (1 + 1e-12)), 0.0)
 
 
-def closed_loop_matrix(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf) -> Array:
+def closed_loop_matrix(
+    biped: Biped,
+    kind: LawKind,
+    K: Gains,
+    A: float,
+    load: float,
+    adapt: float = math.inf,
+    known: Biped | None = None,
+) -> Array:
     """(23) for the states (theta, omega, s) about the stationary posture; (2, 2) without s for law pd.
 
-    (4, 4) with eta last where the law adapts within ``adapt`` [s].
+    (4, 4) with eta last where the law adapts within ``adapt`` [s], reckoning with the body that is ``known`` to it.
     """
     I, ell = biped.I, biped.ell
     K_p, K_d, K_f = K
     if kind == "pd":
         return np.array([[0.0, 1.0], [(A * biped.L - K_p) / I, -K_d / I]])
     if math.isfinite(adapt):
-        b, a, lever = swing(biped, adapt), 1.0 / adapt, biped.M * biped.g * biped.L
+        believed = known or biped
+        b, a, lever = swing(believed, adapt), 1.0 / adapt, believed.M * believed.g * believed.L
         torque = np.array([-K_p, -K_d - K_p * b, K_f, K_p])
-        follow = a * (torque / lever + np.array([1.0, b, 0.0, -1.0]))
+        follow = a * (torque * (believed.ell / ell) / lever + np.array([1.0, b, 0.0, -1.0]))
         fall = np.array([A * biped.L / I, 0.0, 0.0, 0.0])
         return np.array([[0.0, 1.0, 0.0, 0.0], torque / I + fall, torque / ell, follow])
     if kind == "cop":  # s' = -P = tau / load, tau = ... + K_F s

@@ -34,7 +34,8 @@ class Setting:
 
     ``required`` maps a row's id (and ``contact-force`` for toe and heel) to its level in the row's unit. ``bounds``
     (3, 2): lower and upper (K_p, K_d, K_f), or None. ``step`` is the Runge-Kutta step [s]. ``adapt``: the time [s]
-    within which theta_d follows the estimated posture, infinite where it is fixed.
+    within which theta_d follows the estimated posture, infinite where it is fixed. ``known``: the body that the law
+    reckons with, where ``biped`` is another.
     """
 
     name: str
@@ -53,11 +54,12 @@ class Setting:
     sensors: Sensors
     tolerances: Tolerances
     study: StudyTable
+    known: Biped | None = None
     written: tuple[float | None, float | None, float | None] = (None, None, None)
 
     def loop(self) -> ClosedLoop:
         """The closed loop with the gains left open."""
-        return closed_loop(self.biped, self.law, self.theta_d, self.adapt)
+        return closed_loop(self.biped, self.law, self.theta_d, self.adapt, self.known)
 
     def scenario(self, name: str) -> Scenario:
         """The scenario of that name; raises ``BadInput`` with the names there are."""

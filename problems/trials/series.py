@@ -132,8 +132,9 @@ def once(setting: Setting, real: Biped, gains: Gains, scenario: Scenario, start:
 
 
 def looped(setting: Setting, real: Biped, theta_d: float) -> ClosedLoop:
-    """The law of ``setting`` with another theta_d [rad] around the ``real`` body."""
-    return replace(setting, biped=real, theta_d=theta_d).loop()
+    """The law of ``setting``, which knows the nominal body, with another theta_d [rad] around the ``real`` one."""
+    known = setting.biped if math.isfinite(setting.adapt) else None
+    return replace(setting, biped=real, known=known, theta_d=theta_d).loop()
 
 
 def _why_not(trial: Trial) -> str:

@@ -6,7 +6,6 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-import scipy.integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -161,31 +160,41 @@ def test_a_broken_loop_is_what_passes_the_break(A, adapt, at):
 
 
 @pytest.mark.parametrize("adapt", [0.05, 1.0])
-def test_the_longest_sampling_period_is_where_the_held_loop_leaves_the_unit_circle(adapt):
-    A, K = 600.0, GAINS[PAPER]
+def test_the_longest_sampling_period_is_where_the_sampled_law_itself_leaves_the_unit_circle(adapt):
+    A, K = PAPER.M * PAPER.g, GAINS[PAPER]
     period = longest_period(PAPER, "force", K, A, PAPER.weight, adapt)
-    lever = PAPER.M * PAPER.g * PAPER.L
-    b = PAPER.I / (lever * adapt)
 
     def through(T):
+        """The controller that runs in a study, around the linear body that stands upright."""
+        control = AdaptingLaw(biped=PAPER, gains=K, period=T, adapt=adapt)
+        w = math.sqrt(A * PAPER.L / PAPER.I)
+        c, sh = math.cosh(w * T), math.sinh(w * T)
         columns = []
-        for z in np.eye(4):
-            tau = -K.K_p * z[0] - K.K_d * z[1] + K.K_f * z[2] + K.K_p * (z[3] - b * z[1])
+        for theta, omega, s, eta, before in np.eye(5):
+            load = PAPER.weight
+            seen = Measurement(theta, omega, 0.5 * (load - before / PAPER.ell), 0.5 * (load + before / PAPER.ell))
+            tau, (s, eta) = control(0.0, seen, (s, eta))
+            push = tau / (A * PAPER.L)
+            columns.append(
+                [c * (theta + push) - push + sh / w * omega, w * sh * (theta + push) + c * omega, s, eta, tau]
+            )
+        return np.array(columns).T
 
-            def rate(_, z, tau=tau):
-                follow = (z[0] + tau / lever - z[3] + b * z[1]) / adapt
-                return [z[1], (A * PAPER.L * z[0] + tau) / PAPER.I, tau / PAPER.ell, follow]
-
-            columns.append(scipy.integrate.solve_ivp(rate, (0, T), z, rtol=1e-10, atol=1e-12).y[:, -1])
-        return np.column_stack(columns)
-
-    assert sampled_matrix(PAPER, "force", K, A, PAPER.weight, 0.01, adapt) == pytest.approx(through(0.01), abs=1e-7)
-    assert (
-        np.abs(np.linalg.eigvals(through(0.99 * period))).max()
-        < 1
-        < np.abs(np.linalg.eigvals(through(1.01 * period))).max()
-    )
+    assert sampled_matrix(PAPER, "force", K, A, PAPER.weight, 0.01, adapt) == pytest.approx(through(0.01), abs=1e-9)
+    radii = [np.abs(np.linalg.eigvals(through(factor * period))).max() for factor in (0.99, 1.01)]
+    assert radii[0] < 1 < radii[1]
     assert loop_margins(PAPER, "force", K, A, PAPER.weight, adapt).delay > 0
+
+
+@pytest.mark.parametrize(("inertia", "F"), [(9.0, (0.0, 0.0)), (5.5, (30.0, 60.0))])
+def test_a_law_that_knows_another_body_is_linearised_as_it_runs(inertia, F):
+    real = replace(PAPER, I=inertia, M=52.0, ell=0.11)
+    loop = closed_loop(real, "force", 0.0, 0.1, PAPER)
+    A, theta_f = stationary(real, *F)
+    z, K = ca.SX.sym("z", 4), ca.DM(GAINS[PAPER])
+    jacobian = ca.Function("J", [z], [ca.jacobian(loop.rate(z, ca.DM(F), K), z)])([theta_f, 0.0, 0.0, theta_f]).full()
+    found = closed_loop_matrix(real, "force", GAINS[PAPER], A, real.weight, 0.1, PAPER)
+    assert found == pytest.approx(jacobian, rel=1e-9, abs=1e-9)
 
 
 # ---- runs

@@ -165,6 +165,9 @@ def posed(setting: Setting, scenario: Scenario, gains: Gains) -> Loop:
     K_p, K_d, K_f = (number(gain) for gain in gains)
     theta_f = math.atan2(float(sine.low), float(cosine_.low))
     torque = number(demanded["torque"]) if "torque" in demanded else None
+    if torque is not None and torque.low <= 0:
+        message = "no torque is allowed"
+        raise NoRegion(message)
     cop = number(demanded["cop-margin"])
     if (ell - cop).low <= 0:
         message = f"a margin of {float(cop.high):g} m for the centre of pressure is more than the foot has"

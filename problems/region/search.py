@@ -28,6 +28,8 @@ GRID = (0.05, 0.1, 0.2, 0.4, 0.8)
 """Bounds e_max [rad] that are tried first."""
 PASSES = 25
 """Programs in a row for one e_max, at most."""
+ROUGHLY = 1e-5
+"""Part of the volume at which ellipsoids are compared."""
 SECTIONS = 8
 """Steps of the golden section, at most."""
 ENOUGH = 1e-4
@@ -81,11 +83,18 @@ def solve(setting: Setting, scenario: Scenario, gains: Gains, *, alpha: float | 
         message = "the linear loop is not stable, (27)-(29)"
         raise NoRegion(message)
     alpha = SHARE * decay if alpha is None else alpha
+    if not 0 <= alpha < decay:
+        message = f"a decay of {alpha:.4g} 1/s is asked, and that of the linear loop is {decay:.4g} 1/s"
+        raise NoRegion(message)
     asked = alpha + STRICTER[0] * decay
-    start = _lyapunov(loop, asked)
+    try:
+        start = _lyapunov(loop, asked)
+    except np.linalg.LinAlgError:
+        message = "the numbers are too far apart for Lyapunov's equation in floats"
+        raise NoRegion(message) from None
     tried: dict[float, Array] = {}
     for e_max in GRID:
-        T = best(loop, e_max, asked, start)
+        T = best(loop, e_max, asked, start, ROUGHLY)
         if T is not None:
             tried[e_max] = T
     if not tried:
@@ -102,24 +111,27 @@ def solve(setting: Setting, scenario: Scenario, gains: Gains, *, alpha: float | 
     raise NoRegion(message)
 
 
-def best(loop: Loop, e_max: float, alpha: float, start: Array) -> Array | None:
-    """T of the largest ellipsoid {T z: |z| <= 1} on |e| <= ``e_max``, from the shape ``start``; None if none is."""
+def best(loop: Loop, e_max: float, alpha: float, start: Array, until: float = 1e-7) -> Array | None:
+    """T of the largest ellipsoid {T z: |z| <= 1} on |e| <= ``e_max``, from the shape ``start``; None if none is.
+
+    The sequence ends when a program adds less than the part ``until`` to the semi-axes' product.
+    """
     vertices, demands = _floats(loop, e_max)
-    T = _fitted(start, demands, e_max)
-    for k in range(PASSES):
-        lam, _ = multipliers(T, demands)
-        Q = larger(T, vertices, demands, lam, e_max, alpha)
-        if Q is None:
-            return None if k == 0 else T
-        try:
+    found = None
+    try:
+        T = _fitted(start, demands, e_max)
+        for _ in range(PASSES):
+            lam, _ = multipliers(T, demands)
+            Q = larger(T, vertices, demands, lam, e_max, alpha)
+            if Q is None:
+                return found
             root = np.linalg.cholesky(Q)
-        except np.linalg.LinAlgError:
-            return None if k == 0 else T
-        T = T @ root
-        grown = float(np.log(np.diag(root)).sum())
-        if k > 0 and abs(grown) < 1e-6:
-            break
-    return T
+            found = T = T @ root
+            if abs(float(np.log(np.diag(root)).sum())) < until:
+                break
+    except (np.linalg.LinAlgError, ValueError):  # numbers too far apart: singular, or no longer finite
+        return found
+    return found
 
 
 def _floats(loop: Loop, e_max: float) -> tuple[list[Array], list[Asked]]:
@@ -163,7 +175,7 @@ def _refine(loop: Loop, tried: dict[float, Array], alpha: float) -> None:
 
     def size(e_max: float) -> float:
         if e_max not in tried:
-            T = best(loop, e_max, alpha, tried[top])
+            T = best(loop, e_max, alpha, tried[top], ROUGHLY)
             if T is None:
                 return -math.inf
             tried[e_max] = T

@@ -135,8 +135,17 @@ def test_a_force_that_rests_and_what_else_the_spec_limits():
     load = 2 * contact + tau / body.ell
     assert tau.max() <= 20.0
     assert (tau / load).max() <= body.ell - 0.03
+
+
+def test_a_floor_that_speeds_up_is_a_force():
+    body, gains = LOOPS["fast"]
     floor = platform(body, points=np.array([[0.0, 0.0], [0.5, 0.4]]), name="w", duration=2.0)
-    _recovers(solve(_setting(body), floor, gains), body, gains, floor)
+    force = constant_force(name="w", F_x=-0.4 * body.M, F_y=0.0, ramp=0.0, duration=2.0)
+    one, other = (posed(_setting(body), world, gains) for world in (floor, force))
+    for name in ("A", "sine", "cosine", "load"):
+        a, b = getattr(one, name), getattr(other, name)
+        assert a.low <= b.high and b.low <= a.high and abs(a.low - b.high) < 1e-12
+    assert one.theta_f == pytest.approx(math.atan(0.4 / body.g))
 
 
 @settings(max_examples=3, deadline=None, derandomize=True)
@@ -323,3 +332,21 @@ def test_a_state_inside_the_region_is_never_tried_and_lost():
     least = contact.min(axis=1)
     assert (back == (least >= 0))[np.abs(least) > 0.5].all()
     assert back.any() and not back.all()
+
+
+def test_numbers_far_apart_give_a_reason_and_not_a_crash():
+    for gains in (Gains(1e9, 1e9, 1.0), Gains(3500.0, 200.0, 1e-9), Gains(368.0, 1200.0, 1e-3)):
+        with pytest.raises(NoRegion, match="none"):
+            solve(_setting(PAPER), _world(PAPER, 0.0), gains)
+    with pytest.raises(NoRegion, match="asked"):
+        solve(_setting(PAPER), _world(PAPER, 0.0), LOOPS["fast"][1], alpha=9.0)
+
+
+def test_on_level_ground_at_its_middle_nothing_is_lost_by_the_vertices():
+    body, gains = LOOPS["adult"]
+    world = _world(body, 0.0)
+    loop = posed(_setting(body, 20.0), world, gains)
+    for x in np.random.default_rng(0).normal(size=(8, 3)) * [0.0, 2.0, 100.0]:
+        worst = max(float(each.h @ x + x @ each.S @ x - each.room) for each in _floats(loop, 0.3)[1])
+        _, _, contact = _run(body, gains, _force(body, world), 0.0, x[:, None], 1e-9)
+        assert worst == pytest.approx(2 * (20.0 - contact[0, 0]), abs=1e-5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from design.analysis.verdict import judge
@@ -34,7 +35,10 @@ def opened(
             message = f"{remark} (--strict)"
             raise BadInput(message, file=source.origin)
         terminal.note(f"warning: {source.origin}: {remark}")
-    problem = setting(source.spec).with_law(law or kind)
+    problem = setting(source.spec)
+    if math.isfinite(problem.adapt) and (law or kind or "force") != "force":
+        terminal.note(f"remark: law.adapt_s is for law force; law {law or kind} does without")
+    problem = problem.with_law(law or kind)
     return source, problem.with_law(None, parse_gains(gains, problem.law) if gains is not None else own)
 
 

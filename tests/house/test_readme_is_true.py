@@ -85,11 +85,13 @@ def test_what_adapting_buys_is_what_the_readme_says():
     from design.spec.setting import setting
 
     problem = setting(load("slope").spec)
-    rows = re.findall(r"^\| (none|[\d.]+ s) \| ([\d.]+) N \| ([\d.]+)° \|$", README, flags=re.MULTILINE)
+    rows = re.findall(r"^\| (none|[\d.]+ s) \| ([\d.]+) N \| ([\d.]+)° \| ([\d.]+) ms \|$", README, flags=re.MULTILINE)
     assert len(rows) == 4
-    for adapt, force, slope in rows:
+    for adapt, force, slope, period in rows:
         other = problem if adapt == "none" else replace(problem, adapt=float(adapt.split()[0]))
-        verdict = judge(other, other.gains)
+        verdict = judge(other, other.gains, "all")
+        borne = next(row.value for row in verdict.rows if row.id == "sample-time")
+        assert f"{1e3 * borne:.1f}" == period
         least = min(row.value for row in verdict.rows if row.id in ("toe-force", "heel-force"))
         assert f"{least:.1f}" == force
         survived = step_slope(other.loop(), other.gains, other.step).survived

@@ -33,12 +33,16 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Columns:
-    """The quantities by role, the ``axes`` as taken (up, forward), and what was ``said`` and ``assumed``."""
+    """The quantities by role, the ``axes`` as taken (up, forward), and what was ``said`` and ``assumed``.
+
+    ``told``: the roles that the user gave.
+    """
 
     quantities: dict[str, Quantity]
     axes: tuple[str, str] | None
     said: tuple[str, ...]
     assumed: tuple[str, ...]
+    told: frozenset[str]
 
     def get(self, role: str) -> Array | None:
         """The values of a role, or None."""
@@ -82,7 +86,8 @@ def assign(table: Table, how: Reading) -> Columns:
     _check_enough(find, set(parts))
     loads = {role: _parts(find, role, parts[role]) for role in parts if role == "fz"}
     quantities = {role: _quantity(find, role, parts[role], loads.get("fz")) for role in parts}
-    return Columns(quantities=quantities, axes=axes, said=tuple(find.said), assumed=tuple(find.assumed))
+    told = frozenset(role for role, wish in wishes.items() if wish)
+    return Columns(quantities=quantities, axes=axes, said=tuple(find.said), assumed=tuple(find.assumed), told=told)
 
 
 Parts = tuple[tuple[int, int], ...]

@@ -15,6 +15,7 @@ from design.model.body import Biped
 from design.recordings import checks
 from design.recordings.clock import Clock, clock
 from design.recordings.columns import Columns, assign
+from design.recordings.horizontal import CLEAR, against_cop
 from design.recordings.reading import Reading
 from design.recordings.table import Array, Table, read
 from design.recordings.units import FACTORS, factor, unit_of
@@ -117,6 +118,10 @@ class Trial:
         bad = gaps | contact.empty
         good = ~bad
         theta, height = self._posture(good, body, given, notes, warnings)
+        taken = {role: f"{q.columns} [{q.unit}]" for role, q in self.columns.quantities.items()}
+        horizontal = self._sampled(contact.horizontal, good)
+        if horizontal is not None and theta is None:
+            horizontal = self._signed(horizontal, self._sampled(contact.cop, good), taken, notes, assumed, warnings)
         omega = self._sampled(self.columns.get("rate"), good)
         at_theta = self._sampled(theta, good)
         if at_theta is not None:
@@ -137,8 +142,7 @@ class Trial:
             gaps=_either(self.time, gaps), load=at(contact.load, good), F_T=at(contact.F_T, good),
             F_H=at(contact.F_H, good), P=at(contact.P, good), cop=at(contact.cop, good) if plates else None,
             theta=at_theta, omega=omega, torque=at(self.columns.get("torque"), good),
-            horizontal=at(contact.horizontal, good), height=at(height, good),
-            columns={role: f"{q.columns} [{q.unit}]" for role, q in self.columns.quantities.items()},
+            horizontal=horizontal, height=at(height, good), columns=taken,
             notes=(*self.table.detected, *notes), assumed=tuple(assumed), warnings=tuple(warnings),
         )  # fmt: skip
 
@@ -150,6 +154,35 @@ class Trial:
             rows = np.arange(len(values), dtype=float)
             values = np.where(good, values, np.interp(rows, rows[good], values[good]))
         return self.time.at(values)
+
+    def _signed(
+        self, force: Array, cop: Array | None, taken: dict[str, str], notes: list[str], assumed: list[str],
+        warnings: list[str],
+    ) -> Array:
+        """The horizontal force (n,) with the sign of the force on the foot, which the CoP (n,) tells."""
+        label = self.columns.quantities["fx"].columns
+        other = label[1:] if label.startswith("-") else f"-{label}"
+        told = "fx" in self.columns.told
+        likeness = None if cop is None else against_cop(force, cop, self.time.rate)
+        if likeness is not None and likeness > CLEAR:
+            if told:
+                warnings.append(
+                    f"fx (column {label}) moves with the CoP (correlation {likeness:.2f}), as the force on the plate"
+                    f" does: should it be fx={other}?"
+                )
+                return force
+            notes.append(
+                f"{label} is the force on the plate: it moves with the CoP (correlation {likeness:.2f}); its sign was"
+                " turned"
+            )
+            taken["fx"] = taken["fx"].replace(label, other, 1)
+            return -force
+        if not told and (likeness is None or likeness > -CLEAR):
+            why = "the recording does not tell" if likeness is None else f"correlation with the CoP {likeness:.2f}"
+            assumed.append(
+                f"{label} is the ground's force on the foot, not the force on the plate ({why}); else give fx={other}"
+            )
+        return force
 
     def _contact(
         self, gaps: Flags, biped: Biped, given: bool, notes: list[str], assumed: list[str], warnings: list[str]

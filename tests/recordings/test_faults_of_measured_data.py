@@ -240,3 +240,9 @@ def test_without_the_reader_of_c3d_files_the_install_line_is_shown(tmp_path, mon
     header[2:10] = b"\x01\x00\x00\x00\x01\x00\x01\x00"
     header[16:18] = b"\x03\x00"
     assert "pip install 'poise[c3d]'" in refusal(tmp_path / "trial.c3d", bytes(header))
+
+
+def test_the_sign_of_a_horizontal_force_that_follows_no_cop_is_assumed(file):
+    content = text(T, FZ, COP, np.cos(7 * T), names="Time,Fz,COPx,Fx")
+    assert "give fx=-Fx" in " ".join(read(file, content).assumed)
+    assert not any("fx=" in said for said in read(file, content, columns="fx=Fx").assumed)

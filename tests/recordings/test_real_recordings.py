@@ -7,6 +7,7 @@ import pytest
 
 from design.errors import BadInput
 from design.model.body import Biped
+from design.recordings.horizontal import against_cop
 from design.recordings.reading import Reading
 from design.recordings.record import derivative, open_record
 
@@ -124,6 +125,26 @@ def test_another_body_is_remarked_upon_and_a_far_one_refused():
     assert "19 % off" in " ".join(found.warnings).replace("-19", "19")
     with pytest.raises(BadInput, match="times the weight"):
         open_record(str(OR1), Reading(), person(170.0), given=True)
+
+
+@pytest.mark.parametrize("path", [OR1, ONE_PLATE, DROPOUTS], ids=["on the foot", "on the plate", "AMTI, on the plate"])
+def test_the_horizontal_force_is_that_on_the_foot_which_moves_against_the_cop(path):
+    found = record(path)
+    assert against_cop(found.horizontal, found.cop, found.rate) < -0.7
+    turned = any("force on the plate" in note for note in found.notes)
+    assert turned == (path != OR1)
+    assert found.columns["fx"].startswith("-") == turned
+    back = record(path, forward="-x")
+    assert back.horizontal == pytest.approx(-found.horizontal)
+
+
+def test_the_sign_of_a_horizontal_force_that_the_user_gives_is_kept():
+    found = record(ONE_PLATE, columns="fx=Fx")
+    assert "fx=-Fx" in " ".join(found.warnings)
+    turned = record(ONE_PLATE, columns="fx=-Fx")
+    assert not turned.warnings
+    assert turned.horizontal == pytest.approx(-found.horizontal)
+    assert record(OR1, columns="fx=-GRFNET_X").horizontal == pytest.approx(-record(OR1).horizontal)
 
 
 def test_a_forward_axis_turns_the_cop():

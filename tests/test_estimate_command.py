@@ -247,3 +247,52 @@ def test_columns_of_our_runs_are_known_but_the_true_force_is_not_taken_for_a_pla
     assert set(taken) == {"time", "angle", "rate", "toe", "heel", "torque", "cop"}
     assert "fx_n" in COLUMNS
     assert profile(name="x", points=np.zeros((1, 3)), duration=1.0).kind == "profile"
+
+
+def _plate(path, angle=None, count=600):
+    t = np.arange(count) / 100
+    cop, load = 0.04 + 0.01 * np.sin(2 * t), 790 + 2 * np.cos(5 * t)
+    names, columns = ["time [s]", "Fz [N]", "COPx [m]"], [t, load, cop]
+    if angle is not None:
+        names, columns = [*names, "angle [deg]"], [*columns, angle + 0.2 * np.sin(2 * t)]
+    rows = "".join(",".join(f"{x:.6f}" for x in row) + "\n" for row in zip(*columns, strict=True))
+    Path(path).write_text(",".join(names) + "\n" + rows)
+
+
+def test_no_horizontal_force_follows_from_an_angle_where_the_ankle_is_assumed(poise):
+    _plate("trial.csv", angle=3.0)
+    found = json.loads(poise("estimate", "trial.csv", "--format", "json"))
+    assert found["fx_n"] is None
+    assert found["fx_static_n"] is None
+    assert found["estimate_error_n"]["fx_spread"] is None
+    assert found["fy_n"] is not None
+    assert "needs --ankle" in found["fx_method"]
+    assert any("height" in said and "inertia" in said for said in found["assumed"])
+    said = poise("estimate", "trial.csv")
+    assert "0 N by the body" not in said
+    assert "tolerances: none given" in " ".join(said.split())
+    assert "needs --ankle" in poise("estimate", "trial.csv", "--as-spec", "o.toml", code=2).err
+    told = json.loads(poise("estimate", "trial.csv", "--ankle", "0.0", "--spec", "adult-slope", "--format", "json"))
+    assert told["fx_n"] is not None
+    assert not any("inertia" in said for said in told["assumed"])
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("-o", "trial.csv"), "the recording itself"),
+        (("-o", "./link.csv"), "the recording itself"),
+        (("-o", "body.toml", "--spec", "body.toml"), "the spec"),
+        (("--plot", "a.png", "-o", "sub/../a.png"), "--plot too"),
+        (("--as-spec", "trial.csv"), "the recording itself"),
+        (("--as-spec", "a.toml", "-o", "a.toml"), "--as-spec too"),
+    ],
+)
+def test_a_file_that_is_read_is_never_written_and_none_is_written_twice(poise, options, said):
+    _plate("trial.csv")
+    Path("link.csv").symlink_to("trial.csv")
+    Path("sub").mkdir()
+    Path("body.toml").write_text(builtin_text("adult-slope"))
+    before = {path: path.read_bytes() for path in Path().iterdir() if path.is_file()}
+    assert said in poise("estimate", "trial.csv", "--format", "csv", *options, code=2).err
+    assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before

@@ -2,7 +2,8 @@
 
 Where the ankle's angle is known the force is that of the dynamic estimator, which holds while the body moves. Elsewhere
 F_y is (16) and F_x the horizontal force on the foot with its sign turned: both hold for a body that is nearly at rest.
-Where neither was measured there is none.
+Where neither was measured there is none; nor an F_x by the angle where the ankle's place is assumed under the mean CoP,
+since the torque that balances it is then zero by assumption.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from design.analysis.estimate import Signals, dynamic, static_estimate
+from design.analysis.estimate import BODY, Signals, dynamic, static_estimate
 from design.model.sensing import Sensors
+from design.model.uncertainty import Spread
 from design.recordings.record import Record
 from design.spec.setting import Setting
 
@@ -32,7 +34,8 @@ class Estimates:
     """``F_x``, ``F_y`` (n,) [N] or None, NaN where unknown, and ``how`` each was found, in words.
 
     ``spread`` (2,) and ``bias`` (2,) [N]: means over time of the standard deviation that noise makes and of the bound
-    that the body's tolerances make; None where no angle was measured. ``static_x`` (n,): (17), for comparison.
+    that the body's tolerances make; None where no angle was measured, ``bias`` also where no tolerances are given; NaN for
+    a force that is not estimated. ``static_x`` (n,): (17), for comparison.
     """
 
     F_x: Array | None
@@ -95,9 +98,18 @@ def _dynamic(record: Record, setting: Setting, theta: Array, F_T: Array, F_H: Ar
     )
     static_x, _ = static_estimate(record.biped, theta, F_T, F_H)
     how = f"dynamic: from angle, contact forces and (11), with {said}"
-    return Estimates(
-        F_x=F_x, F_y=F_y, how_x=how, how_y=how, static_x=static_x, spread=_means(found.spread), bias=_means(found.bias)
-    )
+    spread, bias = _means(found.spread), _means(found.bias) if _has_tolerances(setting) else None
+    if record.ankle_assumed:
+        nothing = "not estimated: it follows from the ankle torque, and the ankle's place is assumed; needs --ankle"
+        return Estimates(
+            F_x=None, F_y=F_y, how_x=nothing, how_y=how, spread=(math.nan, spread[1]),
+            bias=bias and (math.nan, bias[1]),
+        )  # fmt: skip
+    return Estimates(F_x=F_x, F_y=F_y, how_x=how, how_y=how, static_x=static_x, spread=spread, bias=bias)
+
+
+def _has_tolerances(setting: Setting) -> bool:
+    return any(getattr(setting.tolerances, name) != Spread() for name in BODY)
 
 
 def _beginning(values: Array, t: Array, settle: float) -> NDArray[np.bool_]:

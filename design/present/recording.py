@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,7 @@ def render(
 ) -> str:
     """The recording in a ``form``: text, json or csv; the picture and the spec are written where they are asked for."""
     picture = plots.format_of(plot) if plot else None
+    _check_apart(file, spec, {"--plot": plot, "--as-spec": as_spec, "-o": output})
     store.check_writable(plot, as_spec, output)
     if every is not None and as_spec is None:
         message = "is the interval of the profile that --as-spec writes; give --as-spec OUT.toml too"
@@ -100,6 +102,30 @@ def render(
         store.write(as_spec, profile.text)
         terminal.note(f"{as_spec}: {profile.said}")
     return written
+
+
+def _check_apart(file: str, spec: str | None, written: dict[str, str | None]) -> None:
+    """Raise ``BadInput`` where a file to be written is one that is read, or is named twice."""
+    taken = [(place, what) for place, what in ((file, "the recording itself"), (spec, "the spec")) if place]
+    for option, place in written.items():
+        if place is None or (place == "-" and option == "-o"):
+            continue
+        for other, what in taken:
+            if other != "-" and _same(place, other):
+                message = f"names {place}, which is {what}; it would be lost: choose another place"
+                raise BadInput(message, key=option)
+        taken.append((place, f"the file of {option} too"))
+
+
+def _same(one: str, other: str) -> bool:
+    """Whether two paths are one regular file, now or once it is written."""
+    a, b = Path(one), Path(other)
+    try:
+        if a.exists() and b.exists():
+            return a.is_file() and a.samefile(b)
+        return a.resolve() == b.resolve()
+    except (OSError, ValueError, RuntimeError):
+        return False
 
 
 def dropouts_said(record: Record, most: int = 6) -> list[str]:
@@ -171,12 +197,16 @@ def as_text(result: Measured) -> str:
         lines += wrapped(f"F_x and F_y {found.how_x}")
     else:
         lines += [*wrapped(f"F_x {found.how_x}"), *wrapped(f"F_y {found.how_y}")]
-    if found.spread is not None and found.bias is not None:
-        parts = zip(("F_x", "F_y"), found.spread, found.bias, strict=True)
+    if found.spread is not None:
+        bias = found.bias or (math.nan, math.nan)
+        parts = zip(("F_x", "F_y"), found.spread, bias, strict=True)
         errors = ", ".join(
-            f"{name} ± {number(spread, 3)} N by noise, {number(bias, 3)} N by the body" for name, spread, bias in parts
+            f"{name} ± {number(spread, 3)} N by noise" + ("" if math.isnan(off) else f", {number(off, 3)} N by the body")
+            for name, spread, off in parts
+            if not math.isnan(spread)
         )
-        lines += wrapped(f"errors: {errors} (standard deviation; bound by [uncertainty])")
+        bound = "tolerances: none given" if found.bias is None else "bound by [uncertainty]"
+        lines += wrapped(f"errors: {errors} (standard deviation; {bound})")
     return "\n".join(lines) + "\n"
 
 
@@ -222,12 +252,12 @@ def as_json(result: Measured) -> str:
         fy_n=_figures(least(record, found.F_y)),
         fx_static_n=_figures(least(record, found.static_x)),
         estimate_error_n=None
-        if found.spread is None or found.bias is None
+        if found.spread is None
         else {
             "fx_spread": found.spread[0],
             "fy_spread": found.spread[1],
-            "fx_bias": found.bias[0],
-            "fy_bias": found.bias[1],
+            "fx_bias": found.bias and found.bias[0],
+            "fy_bias": found.bias and found.bias[1],
         },
         fx_method=found.how_x,
         fy_method=found.how_y,

@@ -36,13 +36,15 @@ class Record:
     ``load`` = F_T + F_H; ``P``: CoP from the ankle, toe side positive; ``cop``: CoP in the file's frame;
     ``horizontal``: forward force of the ground on the foot. ``valid``: samples with every needed number and load;
     ``dropouts``: samples without load; ``gaps``: samples with an unreadable cell. ``given``: ``biped`` is the user's
-    spec, not an assumption. ``notes``: what was read and detected; ``assumed``: what nobody said; ``warnings``.
+    spec, not an assumption; ``ankle_assumed``: nobody said where the ankle is, and ``P`` is zero in the mean.
+    ``notes``: what was read and detected; ``assumed``: what nobody said; ``warnings``.
     """
 
     origin: str
     sha256: str
     biped: Biped
     given: bool
+    ankle_assumed: bool
     t: Array
     rate: float
     valid: Flags
@@ -131,13 +133,19 @@ class Trial:
             elif self.columns.get("angle") is not None:
                 names = (self.columns.quantities["angle"].columns, self.columns.quantities["rate"].columns)
                 _check_rates(slope, omega, names, file)
+        if theta is not None and contact.load is not None and not given:
+            assumed.append(
+                f"height {body.L:g} m of the centre of gravity and inertia {body.I:g} kg m2 of the built-in adult-slope"
+                " (give --spec)"
+            )
         plates = any(role in used for role in ("fz", "toe"))
         for role, q in used.items():
             if not q.sure:
                 assumed.append(f"{role} (column {q.columns}) is in {q.unit}, as nothing is said")
         at = self._sampled
         return Record(
-            origin=file, sha256=self.table.sha256, biped=body, given=given, t=t, rate=self.time.rate,
+            origin=file, sha256=self.table.sha256, biped=body, given=given,
+            ankle_assumed=contact.ankle_assumed, t=t, rate=self.time.rate,
             valid=self.time.all_true(good), dropouts=_either(self.time, contact.empty),
             gaps=_either(self.time, gaps), load=at(contact.load, good), F_T=at(contact.F_T, good),
             F_H=at(contact.F_H, good), P=at(contact.P, good), cop=at(contact.cop, good) if plates else None,
@@ -251,28 +259,28 @@ class Trial:
         source = self.columns.quantities.get("cop") or self.columns.quantities["my"]
         confirmed = my is not None and "cop" in self.columns.quantities
         warnings += checks.reach(cop[good], source, biped.ell, seconds, file, confirmed=confirmed)
-        P, said = self._from_ankle(cop, good, assumed)
+        P, said, unknown = self._from_ankle(cop, good, assumed)
         checks.within(P[good], biped.ell, said, file)
         difference = P * load / biped.ell  # (18)
         return _Contact(
             biped=biped, empty=empty, load=load, F_T=0.5 * (load + difference), F_H=0.5 * (load - difference), P=P,
-            cop=cop, horizontal=horizontal,
+            cop=cop, horizontal=horizontal, ankle_assumed=unknown,
         )  # fmt: skip
 
-    def _from_ankle(self, cop: Array, good: Flags, assumed: list[str]) -> tuple[Array, str]:
-        """The CoP from the ankle, and where this is, in words."""
+    def _from_ankle(self, cop: Array, good: Flags, assumed: list[str]) -> tuple[Array, str, bool]:
+        """The CoP from the ankle, where this is, in words, and whether it is assumed."""
         wish, ankle = self.how.ankle, self.columns.get("ankle_x")
         if wish is not None:
             place = _place(wish)
-            return cop - place, f"at {place:g} m by --ankle"
+            return cop - place, f"at {place:g} m by --ankle", False
         if ankle is not None:
-            return cop - ankle, "from the file's ankle columns"
+            return cop - ankle, "from the file's ankle columns", False
         place = float(cop[good].mean())
         assumed.append(
             f"ankle taken at {place:.4g} m, under the mean CoP, so that the mean of toe and heel force is equal;"
             " give --ankle"
         )
-        return cop - place, f"at {place:.4g} m, under the mean CoP"
+        return cop - place, f"at {place:.4g} m, under the mean CoP", True
 
     def _posture(
         self, good: Flags, biped: Biped, given: bool, notes: list[str], warnings: list[str]
@@ -305,6 +313,7 @@ class _Contact:
     P: Array | None = None
     cop: Array | None = None
     horizontal: Array | None = None
+    ankle_assumed: bool = False
 
 
 def _with_foot(biped: Biped, cop: Array, P: Array, good: Flags, assumed: list[str]) -> tuple[Biped, Array]:

@@ -26,13 +26,14 @@ from design.errors import BadInput
 
 FORMAT = "poise-certificate 1"
 GAINS = ("kp", "kd", "kf")
+KINDS = ("slope", "force", "platform", "profile")
 ROWS = {"toe-force", "heel-force", "cop-margin", "decay-rate", "torque"}
 LARGEST = 400_000_000
 
 
 @dataclass(kw_only=True)
 class Answer:
-    """``confirmed``, or ``why`` not; ``claims`` by scenario and row; the ``box`` by scenario; ``pieces`` walked."""
+    """``confirmed``, or ``why`` not; by scenario the ``claims`` and the ``box``, ``scale`` of [uncertainty]."""
 
     confirmed: bool = False
     why: str = ""
@@ -40,6 +41,7 @@ class Answer:
     sha256: str = ""
     law: str = ""
     claims: dict[str, dict[str, Fraction]] = field(default_factory=dict)
+    scale: Fraction = Fraction(1)
     box: dict[str, Box] = field(default_factory=dict)
     for_ever: dict[str, bool] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
@@ -47,16 +49,11 @@ class Answer:
     pieces: int = 0
 
 
-def check_file(path: str, spec: str | None = None) -> Answer:
-    """The answer for the certificate at ``path``, which must be for the file ``spec`` where one is given.
+def check(content: bytes, *, origin: str = "certificate", sha256: str | None = None) -> Answer:
+    """The answer for the ``content`` of a certificate, which must be for the spec with that ``sha256`` if it is given.
 
-    Raises ``BadInput`` where there is no certificate.
+    Raises ``BadInput`` if it is no certificate.
     """
-    return check(_bytes(path), origin=path, spec=None if spec is None else _bytes(spec))
-
-
-def check(content: bytes, *, origin: str = "certificate", spec: bytes | None = None) -> Answer:
-    """The answer for the ``content`` of a certificate; raises ``BadInput`` if it is none."""
     try:
         document = json.loads(content.decode(), parse_float=decimal, parse_constant=decimal)
     except (ValueError, ArithmeticError, RecursionError):
@@ -68,7 +65,7 @@ def check(content: bytes, *, origin: str = "certificate", spec: bytes | None = N
         raise BadInput(message, file=origin)
     answer = Answer()
     try:
-        _check(document, answer, spec)
+        _check(document, answer, sha256)
     except Refused as refusal:
         answer.why = str(refusal)
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
@@ -78,12 +75,11 @@ def check(content: bytes, *, origin: str = "certificate", spec: bytes | None = N
     return answer
 
 
-def _check(document: dict[str, Any], answer: Answer, given: bytes | None) -> None:
+def _check(document: dict[str, Any], answer: Answer, given: str | None) -> None:
     text, digest = document["spec"]["text"], document["spec"]["sha256"]
     answer.sha256 = hashlib.sha256(text.encode()).hexdigest()
     need(answer.sha256 == digest, "the spec's text does not have the sha256 that is given")
-    same = given is None or hashlib.sha256(given).hexdigest() == digest
-    need(same, "it is for another spec than the one given")
+    need(given in (None, digest), "it is for another spec than the one given")
     spec = read(text)
     answer.name = spec["name"]
     kind, gains = law(document["law"])
@@ -91,12 +87,13 @@ def _check(document: dict[str, Any], answer: Answer, given: bytes | None) -> Non
     if kind != spec["law"]["kind"] or any(spec["law"].get(key) != its for key, its in zip(GAINS, gains, strict=False)):
         answer.law += " (not the spec's)"
     need("adapt_s" not in spec["law"] or kind == "pd", "the spec's law adapts, which a certificate does not cover")
-    scale = Fraction(document["scale"])
+    scale = answer.scale = Fraction(document["scale"])
     tables = {table["name"]: table for table in spec["scenarios"]}
     for entry in document["scenarios"]:
         scenario = tables[entry["name"]]
         claims = {row: Fraction(value) for row, value in entry["claims"].items()}
         need(set(claims) <= ROWS, f"{entry['name']}: claims what is not checked here")
+        need(scenario["kind"] in KINDS, f"{entry['name']}: is of a kind that is not known here")
         box = whole_box(spec, scenario, scale)
         for row, level in demands(spec).items():
             enough = claims[row] <= level if row == "torque" else claims[row] >= level
@@ -176,7 +173,8 @@ def _forces(segment: Segment, kind: str, box: Box) -> tuple[list[Fraction], list
     return [end[0] for end in ends], [end[1] for end in ends]
 
 
-def _bytes(path: str) -> bytes:
+def content_of(path: str) -> bytes:
+    """The bytes of a file; raises ``BadInput``."""
     try:
         if Path(path).stat().st_size > LARGEST:
             message = f"has too many bytes; at most {LARGEST:,} are read"

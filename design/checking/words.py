@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 
-from design.checking.verdict import Answer, check_file
+from design.checking.verdict import Answer, check, content_of
 
 UNITS = {"toe-force": "N", "heel-force": "N", "cop-margin": "m", "decay-rate": "1/s", "torque": "N m"}
 NUMBERS = {"M": "kg", "L": "m", "I": "kg m²", "m": "kg", "ell": "m", "slope": "deg", "ramp": "s"}
 
 
-def render(path: str, spec: str | None = None, form: str = "text") -> tuple[str, bool]:
+def render(path: str, sha256: str | None = None, form: str = "text") -> tuple[str, bool]:
     """The answer for the certificate at ``path`` in a ``form``, text or json, and whether it is confirmed.
 
-    ``spec`` is the path of the file that it must be for. Raises ``BadInput`` where there is no certificate.
+    ``sha256`` is the digest of the spec that it must be for. Raises ``BadInput`` where there is no certificate.
     """
-    answer = check_file(path, spec)
+    answer = check(content_of(path), origin=path, sha256=sha256)
     return (as_json if form == "json" else as_text)(answer), answer.confirmed
 
 
@@ -31,7 +31,9 @@ def as_text(answer: Answer) -> str:
         )
         box = ", ".join(f"{key} {low:.6g} to {high:.6g} {NUMBERS[key]}" for key, low, high in _moving(answer, name))
         when = "at every time" if answer.for_ever[name] else "until its end, where its force still moves"
-        lines.append(f"{name}: {rows}; {f'for all {box}' if box else 'for the numbers of the spec'}; {when}")
+        part = "" if answer.scale == 1 else f" ({float(answer.scale):g} times [uncertainty])"
+        where = f"for all {box}" if box else "for the numbers of the spec"
+        lines.append(f"{name}: {rows}; {where}{part}; {when}")
     if answer.left_out:
         lines.append(f"not in the certificate: {', '.join(answer.left_out)}")
     count = f"{answer.parts} {'part' if answer.parts == 1 else 'parts'}, {answer.pieces} pieces"
@@ -51,6 +53,7 @@ def as_json(answer: Answer) -> str:
     document = {
         "schema_version": 1, "command": "check", "spec": {"name": answer.name, "sha256": answer.sha256},
         "status": "confirmed" if answer.confirmed else "refused", "why": answer.why, "law": answer.law,
+        "scale": float(answer.scale),
         "scenarios": scenarios if answer.confirmed else [], "left_out": answer.left_out, "parts": answer.parts,
         "pieces": answer.pieces,
     }  # fmt: skip

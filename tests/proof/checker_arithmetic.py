@@ -1,0 +1,185 @@
+"""What the checker's arithmetic must hold, of whichever modules are handed in: also of mutants."""
+
+import random
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+from scipy.linalg import solve_continuous_lyapunov
+
+
+def value(balls, ball, v, p, share):
+    """The function that lies at ``share`` of the rest, exactly, in units."""
+    rows = [sum(c * Fraction(v) ** d for d, c in enumerate(row)) for row in ball.rows]
+    return rows[0] + sum(a * b for a, b in zip(p, rows[1:], strict=True)) + Fraction(share) * ball.rest
+
+
+def holds(balls, ball, truth, v, p):
+    return abs(truth - value(balls, ball, v, p, 0)) <= ball.rest
+
+
+def some(balls, rng, k, rest):
+    size = balls.ONE // 2
+
+    def row(scale):
+        return [int(rng.uniform(-1, 1) * size * scale * 0.3**d) for d in range(rng.choice([1, 3, 9]))]
+
+    return balls.Ball([row(1.0), *(row(0.1) for _ in range(k))], int(rest * balls.ONE))
+
+
+def places(rng, k):
+    return rng.choice([-1, 1, Fraction(1, 3)]), [rng.choice([-1, 1, Fraction(1, 2)]) for _ in range(k)]
+
+
+def check_balls(balls, rounds=12):
+    one = balls.ONE
+    rng = random.Random(3)
+    for turn in range(rounds):
+        k = turn % 3
+        a, b = some(balls, rng, k, rng.choice([0, 1e-3])), some(balls, rng, k, rng.choice([0, 1e-6]))
+        for _ in range(4):
+            v, p = places(rng, k)
+            for first in (-1, 1):
+                for second in (-1, 1):
+                    x, y = value(balls, a, v, p, first), value(balls, b, v, p, second)
+                    assert holds(balls, a + b, x + y, v, p)
+                    assert holds(balls, a - b, x - y, v, p)
+                    assert holds(balls, a * b, x * y / one, v, p)
+                    assert holds(balls, a.over(7), x / 7, v, p)
+                    assert a.low() <= x <= -((-a).low())
+                    assert abs(x) <= a.size()
+        assert (a * b).rest <= (a.size() * b.rest + b.size() * a.rest) // one + one // (100 if k < 2 else 5)
+        plain = balls.Ball(a.rows)
+        tangent = plain.slope()
+        for v in (-1, 1, Fraction(1, 3)):
+            rate = [sum(d * c * Fraction(v) ** (d - 1) for d, c in enumerate(row) if d) for row in plain.rows]
+            assert [sum(c * Fraction(v) ** d for d, c in enumerate(row)) for row in tangent.rows] == rate
+        assert plain.ends(-1) == [sum(c * (-1) ** d for d, c in enumerate(row)) for row in plain.rows]
+    parabola = balls.Ball([[one, one // 2, one]])
+    assert 0 <= Fraction(15 * one, 16) - parabola.low() <= 2
+    assert balls.Ball([[one, 3 * one, one]]).low() == -one
+    assert balls.Ball([[one, one // 4, -one]]).low() == -one // 4
+    try:
+        balls.Ball([[one]], 1).slope()
+    except Exception as error:
+        assert "derivative" in str(error)
+    else:
+        raise AssertionError
+
+
+def check_numbers(balls):
+    one = balls.ONE
+    assert one == 2**64
+    with mpmath.workdps(60):
+        assert 0 < mpmath.pi - mpmath.mpf(balls.PI.numerator) / balls.PI.denominator < mpmath.mpf(10) ** -37
+        pi = Fraction(int(mpmath.pi * 10**50), 10**50)
+    for number in (Fraction(2), Fraction(1, 7), Fraction(0), Fraction(5, 2**130), Fraction(3**40, 7)):
+        for up, exact in ((balls.root(number), number), (balls.root(number**2), number**2)):
+            assert exact <= Fraction(up, one) ** 2
+            assert (Fraction(max(up - 2, 0), one)) ** 2 <= exact
+        assert 0 <= Fraction(balls.above(number), one) - number < Fraction(1, one)
+        assert 0 <= balls.up(int(number * one)) - Fraction(int(number * one), one) < 1
+    parts = [Fraction(1, 30), Fraction(-1, 50)]
+    for p in ([1, 1], [-1, 1], [-1, -1], [1, Fraction(1, 2)]):
+        moved = Fraction(1, 3) + p[0] * parts[0] + p[1] * parts[1]
+        for ball, truth in (
+            (balls.constant(Fraction(1, 3), parts), moved),
+            (balls.inverse(Fraction(1, 3), parts), 1 / moved),
+            (balls.radians(Fraction(1, 3), parts), moved * pi / 180),
+        ):
+            assert holds(balls, ball, truth * one, 0, p)
+    assert balls.inverse(Fraction(1, 3), parts).rest < one
+    assert balls.radians(Fraction(1, 3), parts).rest < 10
+    for value_, part in ((Fraction(1), [Fraction(1)]), (Fraction(-1), [Fraction(0)]), (Fraction(1), [Fraction(-2)])):
+        try:
+            balls.inverse(value_, part)
+        except Exception as error:
+            assert "length" in str(error)
+        else:
+            raise AssertionError
+
+
+def check_sines(balls, digits=40):
+    """Against mpmath, to 40 digits."""
+    one = balls.ONE
+    rng = random.Random(7)
+    with mpmath.workdps(digits):
+        for x in (0.0, 1e-9, 0.3, -1.2, 1.999, -2.0, 2.0, *(rng.uniform(-2, 2) for _ in range(10))):
+            at = int(x * one)
+            for got, exact in zip(balls.series(at), (mpmath.sin, mpmath.cos), strict=True):
+                assert abs(mpmath.mpf(got) - exact(mpmath.mpf(at) / one) * one) <= balls.SERIES_ERROR / 8
+        for size in (1e-3, 0.05, 0.4):
+            for middle in (0.0, 0.7, -1.4):
+                rows = [[int(middle * one), int(size * 0.5 * one), int(size * 0.2 * one)], [int(size * 0.3 * one)]]
+                ball = balls.Ball(rows, int(1e-7 * one))
+                pair = balls.sine_and_cosine(ball)
+                for v in (-1, 1, Fraction(1, 3)):
+                    for p in (-1, 1):
+                        for share in (-1, 1):
+                            x = value(balls, ball, v, [p], share) / one
+                            angle = mpmath.mpf(x.numerator) / x.denominator
+                            for got, exact in zip(pair, (mpmath.sin(angle), mpmath.cos(angle)), strict=True):
+                                truth = Fraction(int(exact * mpmath.mpf(10) ** 35), 10**35) * one
+                                assert holds(balls, got, truth, v, [p])
+                if size < 0.1:  # of second order in p at most
+                    assert max(each.rest for each in pair) < (size**2 + 1e-6) * one
+    assert balls.sine_and_cosine(balls.Ball([[]]))[1].rows[0][0] in range(one - 9, one + 1)
+    for bad in (2.1, -2.1):
+        try:
+            balls.sine_and_cosine(balls.Ball([[int(bad * one)]]))
+        except Exception as error:
+            assert "2 rad" in str(error)
+        else:
+            raise AssertionError
+
+
+def check_linear(linear):
+    """Against numpy's eigenvalues and inverse."""
+    rng = np.random.default_rng(5)
+    for n in (2, 3):
+        for _ in range(30):
+            A = np.round(rng.standard_normal((n, n)), 2)
+            S = np.round(A @ A.T - rng.choice([0.0, 0.6]) * np.eye(n), 4)
+            exact = [[Fraction(repr(float(each))) for each in row] for row in S]
+            least = np.linalg.eigvalsh(S).min()
+            if abs(least) > 1e-6:
+                assert linear.positive(exact) == (least > 0)
+            if least > 1e-2:
+                found = np.array([[float(each) for each in row] for row in linear.inverted(exact)])
+                assert np.allclose(found, np.linalg.inv(S), rtol=1e-9)
+    assert not linear.positive([[Fraction(0)]])
+    for K_f, refused in ((None, False), (5.61, False), (9.0, True), (0.0, None)):
+        gains = [Fraction(3500), Fraction(606), *([Fraction(repr(K_f))] if K_f is not None else [])]
+        I, ell, AL = Fraction(7), Fraction(1, 10), Fraction(368)
+        J = np.array([[float(each) for each in row] for row in linear.loop(gains, AL, 1 / I, 1 / ell)])
+        K = [float(each) for each in gains]
+        truth = [[0.0, 1.0, 0.0][: len(K)], np.array([368 - K[0], -K[1], *K[2:]]) / 7]
+        truth = truth if len(K) == 2 else [*truth, np.array([-K[0], -K[1], K[2]]) * 10]
+        assert np.allclose(J, np.array(truth))
+        decay = -np.linalg.eigvals(J).real.max()
+        ranges = ((AL, AL), (I, I), (ell, ell))
+        for share in (0.999, 1.001):
+            wanted = max(decay * share, 0.0)
+            kept = True
+            try:
+                linear.check_decay(Fraction(repr(float(wanted))), gains, ranges)
+            except Exception as error:
+                assert "decay" in str(error)
+                kept = False
+            assert kept == (decay > 1e-9 and share < 1)
+        if refused is False:
+            P = solve_continuous_lyapunov((J + 0.5 * decay * np.eye(len(K))).T, -np.eye(len(K)))
+            P = 0.5 * (P + P.T)
+            root = np.linalg.inv(np.linalg.cholesky(P).T)
+            rate = -0.5 * np.linalg.eigvalsh(root.T @ (P @ J + J.T @ P) @ root).max()
+            exact = [[Fraction(float(each)) for each in row] for row in P]
+            for share in (0.999, 1.001):
+                kept = True
+                try:
+                    linear.check_contraction(exact, Fraction(float(share * rate)), gains, ranges)
+                except Exception as error:
+                    assert "contract" in str(error)
+                    kept = False
+                assert kept == (share < 1)
+    ends = [(Fraction(1), Fraction(2)), (Fraction(3), Fraction(4)), (Fraction(5), Fraction(6))]
+    assert set(linear.corners(*ends)) == {(G, 1 / I, 1 / ell) for G in ends[0] for I in ends[1] for ell in ends[2]}

@@ -13,7 +13,12 @@ from design.recordings.table import Array
 from design.recordings.units import KILOPOND, POUND
 
 FAR, NEAR = 2.0, 0.15
-"""Beyond this factor a mean force or a height is refused; beyond this part it is remarked upon."""
+"""Beyond this factor a height is refused; beyond this part a height or a mean force is remarked upon."""
+LIGHT, HEAVY = 0.6, 1.6
+"""A mean force beyond these parts of the weight of the spec is refused: one of two plates, or another unit."""
+HELD, LEAN = 0.5, 0.35
+"""A posture that needs a larger part of the weight as a horizontal force, or leans further [rad] under an even load, is
+none."""
 MASSES = (20.0, 200.0)
 """Masses of a standing person [kg], where no spec says another."""
 
@@ -33,10 +38,10 @@ def weight(mean: float, quantity: Quantity, biped: Biped, *, given: bool, file: 
         raise BadInput(message, file=file, key=where)
     ratio = mean / biped.weight
     body = f"the weight (M+m) g = {biped.weight:.5g} N of the spec"
-    if not 1 / FAR <= ratio <= FAR:
+    if not LIGHT <= ratio <= HEAVY:
         message = (
-            f"mean vertical force {mean:.5g} N (read in {quantity.unit}) is {ratio:.3g} times {body}; needs 1/2 to 2"
-            f" times{_why(ratio, quantity)}"
+            f"mean vertical force {mean:.5g} N (read in {quantity.unit}) is {ratio:.3g} times {body}; needs"
+            f" {LIGHT:g} to {HEAVY:g} times{_why(ratio, quantity)}"
         )
         raise BadInput(message, file=file, key=where)
     if abs(ratio - 1) > NEAR:
@@ -169,6 +174,26 @@ def angle(theta: Array, quantity: Quantity, file: str) -> list[str]:
     if quantity.unit == "deg" and 0 < most < math.radians(0.05):
         return [f"ankle angle stays within {math.degrees(most):.2g} deg: is column {quantity.columns} in rad?"]
     return []
+
+
+def posture(theta: Array, load: Array, P: Array, quantity: Quantity, biped: Biped, file: str) -> None:
+    """Raise ``BadInput`` for an angle [rad] that only a force as large as the weight would hold, by (17): it is in deg.
+
+    An even ``load`` (the CoP ``P`` near the ankle) holds no body that leans far.
+    """
+    if quantity.unit != "rad":
+        return
+    needed = float(np.median(np.abs((load - biped.m * biped.g) * np.tan(theta))))
+    lean = float(np.percentile(np.abs(theta), 90.0))
+    even = abs(float(P.mean())) < 0.5 * biped.ell
+    if needed <= HELD * biped.weight and not (even and lean > LEAN):
+        return
+    message = (
+        f"ankle angle (read in rad) reaches {lean:.4g} rad = {math.degrees(lean):.3g} deg, which at rest needs a horizontal"
+        f" force of {needed:.4g} N, {needed / biped.weight:.2g} times the weight, by (17); needs a lean that a standing"
+        f" body holds; the column is perhaps in deg: give angle={quantity.columns}:deg, or correct the header"
+    )
+    raise BadInput(message, file=file, key=f"column {quantity.columns}")
 
 
 def rates(slope: float, correlation: float, names: tuple[str, str], file: str) -> None:

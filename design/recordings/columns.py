@@ -13,10 +13,14 @@ from design.errors import BadInput
 from design.recordings import names as usual
 from design.recordings.reading import Reading
 from design.recordings.table import Array, Table
-from design.recordings.units import FACTORS, factor
+from design.recordings.units import FACTORS, Kind, bracketed, factor
+from design.recordings.units import listed as units_listed
 from design.recordings.wishes import ROLES, Wish, listed, parse
 
 EXAMPLE = "--columns time=NAME:s,fz=NAME:N,cop=NAME:cm"
+KINDS: dict[str, Kind] = {
+    "force": "force", "moment": "moment", "cop": "position", "com": "position", "ankle": "position",
+}  # fmt: skip
 DOMINANT = 3.0
 """How many times the other components the vertical one must be, to be taken for it."""
 
@@ -240,6 +244,16 @@ def _check_enough(find: _Finder, roles: set[str]) -> None:
     if contact or posture:
         return
     columns = listed(find.table.names)
+    for index, name in enumerate(find.table.names):
+        odd = None if index in find.known else bracketed(name)
+        meant = usual.recognise(odd[0]) if odd else None
+        if odd and meant:
+            kind = ROLES[meant.role] if meant.role else KINDS[meant.kind]
+            message = (
+                f"states the unit {odd[1]!r}, which is not known; needs one of {units_listed(kind)}: convert the column,"
+                f" or give --columns 'NAME={name}:UNIT'; its columns: {columns}"
+            )
+            raise BadInput(message, file=find.table.origin, key=f"column {name}")
     if "fz" in roles and not find.ambiguous:
         message = f"has a vertical force but neither cop nor my was found; give them: {EXAMPLE}; its columns: {columns}"
     elif find.ambiguous:
@@ -330,6 +344,13 @@ def _unit(find: _Finder, role: str, index: int) -> tuple[str, bool]:
         message = f"is in {stated}, and {role} is a {kind}; allowed: {', '.join(FACTORS[kind])}"
         raise BadInput(message, file=find.table.origin, key=f"column {name}")
     said = wish.unit if wish else None
+    odd = bracketed(name)
+    if odd and not stated and not said:
+        message = (
+            f"states the unit {odd[1]!r}, which is not known; {role} needs one of {units_listed(kind)}: give"
+            f" --columns '{role}={name}:UNIT', or convert the column"
+        )
+        raise BadInput(message, file=find.table.origin, key=f"column {name}")
     if said and stated and said != stated:
         message = f"is in {stated} by the file, and --columns says {said}; leave the unit out, or correct the header"
         raise BadInput(message, file=find.table.origin, key=f"column {name}")

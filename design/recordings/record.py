@@ -120,6 +120,10 @@ class Trial:
         bad = gaps | contact.empty
         good = ~bad
         theta, height = self._posture(good, body, given, notes, warnings)
+        if contact.load is not None and contact.P is not None and self.columns.get("angle") is not None:
+            assert theta is not None
+            angle = self.columns.quantities["angle"]
+            checks.posture(theta[good], contact.load[good], contact.P[good], angle, body, file)
         taken = {role: f"{q.columns} [{q.unit}]" for role, q in self.columns.quantities.items()}
         horizontal = self._sampled(contact.horizontal, good)
         if horizontal is not None and theta is None:

@@ -52,7 +52,18 @@ def factor(unit: str, kind: Kind) -> float | None:
 
 def split(name: str) -> tuple[str, str | None]:
     """A header's name without the unit in its brackets, and this unit: ``COPx [cm]`` -> (``COPx``, ``cm``)."""
-    match = re.fullmatch(r"(.*\S)\s*[\[(]\s*([^\[\]()]+?)\s*[\])]\s*", name)
-    if match and (unit := unit_of(match[2])):
-        return match[1].strip(), unit
+    found = bracketed(name)
+    if found and (unit := unit_of(found[1])):
+        return found[0], unit
     return name.strip(), None
+
+
+def bracketed(name: str) -> tuple[str, str] | None:
+    """A name without the brackets at its end, and what stands in them; None if there are none."""
+    match = re.fullmatch(r"(.*\S)\s*[\[(]\s*([^\[\]()]+?)\s*[\])]\s*", name)
+    return (match[1].strip(), match[2]) if match else None
+
+
+def listed(kind: Kind | None = None) -> str:
+    """The units of a ``kind``, or all of them, for a message."""
+    return ", ".join(FACTORS[kind] if kind else [name for units in FACTORS.values() for name in units])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from design.errors import BadInput
 from design.recordings.table import Table
-from design.recordings.units import FACTORS, Kind, factor, unit_of
+from design.recordings.units import FACTORS, Kind, bracketed, factor, unit_of
 
 ROLES: dict[str, Kind] = {
     "time": "time", "angle": "angle", "rate": "rate", "toe": "force", "heel": "force", "torque": "moment",
@@ -77,6 +77,16 @@ def _wish(role: str, value: str, table: Table) -> Wish:
             hint = f"; did you mean {close[0]!r}?" if close else ""
             message = f"has no column {name[:60]!r}{hint}; its columns: {listed(table.names)}"
             raise BadInput(message, file=table.origin)
+        stated = bracketed(name) if name not in table.names else None
+        if stated and not table.names[index].lower().endswith(name[len(stated[0]) :].lower()):
+            written = unit_of(stated[1])
+            if written is None or factor(written, ROLES[role]) is None:
+                message = f"says {role} is in {stated[1]!r}; allowed: {', '.join(FACTORS[ROLES[role]])}"
+                raise BadInput(message, key="--columns")
+            if unit not in (None, written):
+                message = f"says {role} is in {written} and in {unit}"
+                raise BadInput(message, key="--columns")
+            unit = written
         parts.append((index, sign))
     return Wish(role=role, parts=tuple(parts), unit=unit)
 

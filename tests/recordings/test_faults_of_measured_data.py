@@ -158,8 +158,49 @@ def test_an_angle_in_degrees_read_as_radians_is_refused(file):
     refused = refusal(file, text(T, 50 * THETA / 0.02, FZ / 2, FZ / 2, names=names))
     assert "angle=theta:deg" in refused
     names = "Time,theta,rate,toe_force,heel_force"
-    refused = refusal(file, text(T, np.degrees(THETA), 0.04 * np.cos(2 * T), FZ / 2, FZ / 2, names=names))
+    refused = refusal(file, text(T, THETA, np.degrees(0.04 * np.cos(2 * T)), FZ / 2, FZ / 2, names=names))
     assert "times the derivative of the angle" in refused
+
+
+@pytest.mark.parametrize("name", ["theta", "theta [rad]"])
+def test_a_posture_that_only_the_weight_could_hold_is_refused(file, name):
+    names = f"Time,{name},toe_force,heel_force"
+    for lean in (1.2 + THETA, 0.5 + THETA, 25 * THETA):
+        refused = refusal(file, text(T, lean, FZ / 2, FZ / 2, names=names))
+        for word in ("read in rad", "times the weight", "angle=theta:deg"):
+            assert word in refused
+    assert read(file, text(T, 3 * THETA, FZ / 2, FZ / 2, names=names)).theta is not None
+    degrees = text(T, 1.2 + THETA, FZ / 2, FZ / 2, names="Time,theta [deg],toe_force,heel_force")
+    assert read(file, degrees).theta.mean() == pytest.approx(np.radians(1.2), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("names", "wish"),
+    [
+        ("Time,Fz [daN],COPx", "fz=Fz [daN]"),
+        ("Time,Fz [daN],COPx", None),
+        ("Time,Fz [daN],COPx", "fz=2"),
+        ("Time,Fz,COPx [in]", None),
+        ("Time,Fz,COPx [in]", "cop=COPx [in]"),
+        ("Time,Fz [N],COPx", "fz=Fz [daN]"),
+        ("Time,Fz,COPx [m]", "cop=COPx[in]"),
+        ("Time,Fz,COPx [m]", "cop=COPx:in"),
+    ],
+)
+def test_a_unit_that_is_not_known_is_refused_with_those_that_are(file, names, wish):
+    refused = refusal(file, text(T, FZ, COP, names=names), columns=wish)
+    assert "kN, kgf, lbf" in refused or "m, cm, mm" in refused
+    assert "daN" in refused or "'in'" in refused
+
+
+def test_a_unit_of_the_user_stands_for_one_that_is_not_known(file):
+    assert read(file, text(T, FZ, COP, names="Time,Fz [left],COPx"), columns="fz=Fz [left]:N").load is not None
+    assert "in m by the file" in refusal(file, text(T, FZ, COP, names="Time,Fz,COPx [m]"), columns="cop=COPx[cm]")
+
+
+@pytest.mark.parametrize("factor", [0.55, 1.7])
+def test_a_load_far_from_the_weight_of_the_spec_is_refused(file, factor):
+    assert "needs 0.6 to 1.6 times" in refusal(file, text(T, factor * FZ, COP))
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,7 @@ def assign(table: Table, how: Reading) -> Columns:
         del parts["time"]
     axes = (up, forward) if up and any(not _scalar(find, role) for role in parts) else None
     _check_enough(find, set(parts))
+    _pair(find, parts)
     loads = {role: _parts(find, role, parts[role]) for role in parts if role == "fz"}
     quantities = {role: _quantity(find, role, parts[role], loads.get("fz")) for role in parts}
     told = frozenset(role for role, wish in wishes.items() if wish)
@@ -124,19 +125,68 @@ def _scalars(find: _Finder) -> dict[str, Parts]:
     return found
 
 
-def _plate(find: _Finder, kind: str) -> dict[str, int]:
-    """Columns of a ``kind`` by axis, of the plate that there is, or of the net of several; empty if in doubt."""
-    groups: dict[str, dict[str, int]] = {}
+def _groups(find: _Finder, kind: str) -> dict[str, dict[str, list[int]]]:
+    """Columns of a ``kind`` by plate and axis."""
+    groups: dict[str, dict[str, list[int]]] = {}
     for index, each in find.known.items():
         if each.kind == kind:
-            groups.setdefault(each.tag, {}).setdefault(each.axis, index)
-    if "net" in groups:
-        return groups["net"]
-    if len(groups) == 1:
-        return next(iter(groups.values()))
-    if len(groups) > 1:
-        find.ambiguous[kind] = [find.table.names[index] for group in groups.values() for index in group.values()]
+            groups.setdefault(each.tag, {}).setdefault(each.axis, []).append(index)
+    return groups
+
+
+def _plate(find: _Finder, kind: str) -> dict[str, int]:
+    """Columns of a ``kind`` by axis, of the plate that there is, or of the net of several; empty if in doubt."""
+    groups = _groups(find, kind)
+    chosen = groups.get("net") or (next(iter(groups.values())) if len(groups) == 1 else None)
+    if chosen is not None:
+        return {axis: columns[0] for axis, columns in chosen.items()}
+    if groups:
+        find.ambiguous[kind] = [
+            find.table.names[index] for group in groups.values() for columns in group.values() for index in columns
+        ]
     return {}
+
+
+def _check_single(find: _Finder, role: str, columns: list[int]) -> None:
+    """Raise ``BadInput`` for two ``columns`` that may both be ``role``, unless they hold the same."""
+    first = find.table.values[:, columns[0]]
+    others = [index for index in columns[1:] if not np.array_equal(first, find.table.values[:, index], equal_nan=True)]
+    if not others and len({find.table.units[index] for index in columns}) == 1:
+        return
+    names = [find.table.names[index] for index in columns]
+    options = " or ".join(f"--columns '{role}={name}'" for name in names)
+    message = f"has more than one column that may be {role}: {', '.join(names)}; say which: {options}"
+    raise BadInput(message, file=find.table.origin)
+
+
+def _tags(find: _Finder, parts: Parts) -> tuple[str | None, ...]:
+    """The plates that columns belong to, None where a name does not say."""
+    known = [find.known.get(index) for index, _ in parts]
+    return tuple(each.tag if each and each.kind else None for each in known)
+
+
+def _one_plate(find: _Finder) -> bool:
+    """Whether the file has the forces of one plate, and at most one tag of the other kinds."""
+    return all(len(_groups(find, kind)) <= 1 for kind in ("force", "moment", "cop"))
+
+
+def _of_plates(find: _Finder, kind: str, along: str, tags: tuple[str | None, ...]) -> list[int]:
+    """The columns of a ``kind`` along an axis of the plates ``tags`` of the load; empty unless all have one."""
+    groups = _groups(find, kind)
+    if None in tags or _one_plate(find):
+        return [_plate(find, kind)[along]] if len(groups) == 1 and along in _plate(find, kind) else []
+    if len(tags) > 1 and kind == "moment":
+        return []  # each about its own plate's origin
+    found = [index for tag in tags for index in groups.get(tag or "", {}).get(along, [])[:1]]
+    return found if len(found) == len(tags) else []
+
+
+def _told_plate(find: _Finder) -> dict[str, int]:
+    """Columns of force by axis of the first plate that the user names; empty if none is known."""
+    told = find.wishes.get("fz")
+    tag = _tags(find, told.parts)[0] if told else None
+    group = {} if tag is None else _groups(find, "force").get(tag, {})
+    return {axis: columns[0] for axis, columns in group.items()}
 
 
 def _vertical(find: _Finder) -> str:
@@ -145,7 +195,8 @@ def _vertical(find: _Finder) -> str:
     if wish not in (None, "y", "z"):
         message = f"is {wish[:20]!r}; needs y or z"
         raise BadInput(message, key="--up")
-    force, body, ankle = _plate(find, "force"), _plate(find, "com"), _sides(find, "ankle")
+    force = _plate(find, "force") or _told_plate(find)
+    body, ankle = _plate(find, "com"), _sides(find, "ankle")
     sizes: dict[str, float] = {}
     if force:
         what = "force"
@@ -213,18 +264,28 @@ def _along(find: _Finder, parts: dict[str, Parts], up: str, forward: str) -> Non
         "fz": ("force", up, 1), "fx": ("force", axis, sign), "my": ("moment", side, turn), "cop": ("cop", axis, sign),
         "com_x": ("com", axis, sign), "com_y": ("com", up, 1),
     }  # fmt: skip
+    told = find.wishes.get("fz")
+    tags = _tags(find, told.parts) if told else None
     for role, (kind, along, its) in wanted.items():
-        if role in find.wishes or role in parts:
+        if role in find.wishes:
             continue
-        columns = _plate(find, kind)
-        if along in columns:
-            parts[role] = ((columns[along], its),)
+        if tags is not None and kind in ("force", "moment", "cop"):
+            columns = _of_plates(find, kind, along, tags)
+        else:
+            plate = _plate(find, kind)
+            columns = [plate[along]] if along in plate else []
+        for index in columns:
+            its_tag = find.known[index].tag
+            alike = _groups(find, kind)[its_tag][along]
+            _check_single(find, role, [*(first for first, _ in parts.get(role, ())), *alike])
+        if columns and role not in parts:
+            parts[role] = tuple((index, its) for index in columns)
     ankle = _sides(find, "ankle")
     for role, along, its in (("ankle_x", axis, sign), ("ankle_y", up, 1)):
         if role not in find.wishes and along in ankle:
             parts[role] = tuple((index, its) for index in ankle[along])
-    told = find.wishes.get("cop") or find.wishes.get("com_x")
-    if find.how.forward is None and not told and set(parts) - before - {"fz", "com_y", "ankle_y"}:
+    axis_told = find.wishes.get("cop") or find.wishes.get("com_x")
+    if find.how.forward is None and not axis_told and set(parts) - before - {"fz", "com_y", "ankle_y"}:
         find.assumed.append(f"{axis} points forward, to the toes (give --forward)")
 
 
@@ -286,6 +347,41 @@ def _joined(find: _Finder, role: str, kind: str) -> str:
 
     best = max(axes, key=size) if kind == "force" else min(axes)
     return f"{role}=" + "+".join(find.table.names[index] for index in axes[best])
+
+
+def _pair(find: _Finder, parts: dict[str, Parts]) -> None:
+    """Put the CoP's columns in the order of the plates of the load; raise ``BadInput`` where these are not the same.
+
+    So are ``fx`` and ``my`` checked that the user gives.
+    """
+    if "fz" not in parts or {"toe", "heel"} <= set(parts) or _one_plate(find):
+        return
+    tags = _tags(find, parts["fz"])
+    names = "+".join(find.table.names[index] for index, _ in parts["fz"])
+    for role in ("cop", "fx", "my"):
+        if role not in parts:
+            continue
+        own, several = _tags(find, parts[role]), len(parts[role]) > 1
+        its = "+".join(find.table.names[index] for index, _ in parts[role])
+        if None in tags or None in own:
+            if not several or role != "cop":
+                continue
+            message = (
+                f"does not say which plate each column of fz={names} and of cop={its} belongs to; needs names with the"
+                " plate's number, as Fz1, COPx1: rename the columns, or join the plates before"
+            )
+            raise BadInput(message, file=find.table.origin)
+        if len(set(own)) < len(own) or set(own) != set(tags):
+            message = (
+                f"has fz={names} of plate {_plates(tags)} and {role}={its} of plate {_plates(own)}; needs the columns of"
+                f" the same plates: give --columns, or {role}=none"
+            )
+            raise BadInput(message, file=find.table.origin)
+        parts[role] = tuple(parts[role][own.index(tag)] for tag in tags)
+
+
+def _plates(tags: tuple[str | None, ...]) -> str:
+    return " and ".join(tag or "without a number" for tag in tags)
 
 
 def _quantity(find: _Finder, role: str, parts: Parts, loads: list[Array] | None) -> Quantity:

@@ -239,3 +239,59 @@ def test_units_are_known(text, unit):
 def test_a_bracket_that_is_no_unit_stays_in_the_name():
     assert split("Fz [V]") == ("Fz [V]", None)
     assert split("COPx (cm)") == ("COPx", "cm")
+
+
+@pytest.mark.parametrize("second", ["GRFz", "fz", "verticalForce"])
+def test_two_columns_that_may_be_the_load_are_refused(tmp_path, second):
+    content = f"Time,Fz,{second},COPx\n" + rows([T, FZ, FZ / 2, COP])
+    with pytest.raises(BadInput) as caught:
+        read(content, tmp_path / "trial.csv")
+    for word in ("more than one column that may be fz", "--columns 'fz=Fz'", f"--columns 'fz={second}'"):
+        assert word in str(caught.value)
+    assert read(content, tmp_path / "trial.csv", columns="fz=Fz").load == pytest.approx(FZ, rel=1e-4)
+
+
+def test_two_centres_of_pressure_or_gravity_of_one_kind_are_refused(tmp_path):
+    with pytest.raises(BadInput, match="may be cop: COPx, Ax"):
+        read("Time,Fz,COPx,Ax\n" + rows([T, FZ, COP, COP - 0.3]), tmp_path / "trial.csv")
+    with pytest.raises(BadInput, match="may be com_x: COM_X, COG_X"):
+        columns = [T, COP + 0.1, 0.95 + NIL, COP, 0.9 + NIL, NIL, 0.07 + NIL]
+        read("Time,COM_X,COM_Y,COG_X,COG_Y,Ankle_X,Ankle_Y\n" + rows(columns), tmp_path / "trial.csv")
+
+
+SHARE = 0.5 + 0.2 * np.sin(T)
+PLATES = "Time,Fx1,Fz1,COPx1,Fx2,Fz2,COPx2\n" + rows([T, FX, SHARE * FZ, COP, 3 * FX, (1 - SHARE) * FZ, COP + 0.1])
+
+
+@pytest.mark.parametrize("wish", ["fz=Fz1+Fz2,cop=COPx2+COPx1", "fz=Fz2+Fz1,cop=COPx2+COPx1", "fz=Fz1+Fz2"])
+def test_the_cop_and_the_horizontal_force_of_two_plates_are_paired_with_their_loads(tmp_path, wish):
+    found = read(PLATES, tmp_path / "trial.csv", columns=wish)
+    assert found.cop == pytest.approx(COP + 0.1 * (1 - SHARE), abs=1e-5)
+    assert np.abs(found.horizontal) == pytest.approx(np.abs(4 * FX), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("wish", "said"),
+    [
+        ("fz=Fz1+Fz2,cop=COPx1", "the same plates"),
+        ("fz=Fz1+Fz2,cop=COPx1+COPx1", "the same plates"),
+        ("fz=Fz1+Fz2,cop=COPx1+COPx2,fx=Fx1", "fx=Fx1 of plate 1"),
+        ("fz=Fz2,cop=COPx1", "fz=Fz2 of plate 2"),
+    ],
+)
+def test_columns_of_other_plates_than_the_loads_are_refused(tmp_path, wish, said):
+    with pytest.raises(BadInput) as caught:
+        read(PLATES, tmp_path / "trial.csv", columns=wish)
+    assert said in str(caught.value)
+    untold = PLATES.replace("Fz1,COPx1", "load one,place one").replace("Fz2,COPx2", "load two,place two")
+    with pytest.raises(BadInput, match="which plate each column"):
+        read(untold, tmp_path / "trial.csv", columns="fz=load one+load two,cop=place one+place two")
+
+
+def test_one_plate_of_two_takes_no_horizontal_force_of_both(tmp_path):
+    names = "Time,LGRF_X,LGRF_Y,LGRF_Z,RGRF_Y,LCOP_X,GRFNET_X,GRFNET_Y,GRFNET_Z,COPNET_X\n"
+    content = names + rows([T, FX, FZ, FY, FZ / 9, COP, 3 * FX, FZ * 10 / 9, FY, COP])
+    found = read(content, tmp_path / "trial.csv", columns="fz=LGRF_Y,cop=LCOP_X")
+    assert np.abs(found.horizontal) == pytest.approx(np.abs(FX), abs=1e-4)
+    without = content.replace("LGRF_X", "other")
+    assert read(without, tmp_path / "trial.csv", columns="fz=LGRF_Y,cop=LCOP_X").horizontal is None

@@ -39,6 +39,13 @@ kind = "platform"
 acceleration_mps2 = [[0.1, 0.2], [0.3, 0.4], [0.9, -0.4]]
 duration_s = 0.5
 initial_rate_deg_per_s = -1.0
+[[scenarios]]
+name = "wind"
+kind = "force"
+fx_n = 30.0
+fy_n = -20.0
+ramp_s = 0.4
+duration_s = 0.3
 [law]
 kind = "force"
 kp = 3500.0
@@ -177,7 +184,10 @@ def tampered():
     for old, new in (
         ("[0.2, 30.0, -20.0]", "[0.2, 30.5, -20.0]"), ("[0.2, 30.0, -20.0]", "[0.2, 30.0, -22.0]"),
         ("[0.2, 30.0", "[0.21, 30.0"), ("[0.3, 0.0, 0.0]", "[0.3, 0.0, 1.0]"), ("[0.3, 0.4]", "[0.3, 0.42]"),
-        ("[0.2, 30.0", "[0.4, 30.0"), ("[0.3, 0.0, 0.0]]", "[0.3, 0.0, 0.0], [0.7, 50.0, 0.0]]"),
+        ("[0.2, 30.0", "[0.4, 30.0"),
+        ("fx_n = 30.0", "fx_n = 30.5"),
+        ("fy_n = -20.0", "fy_n = -22.0"), ("ramp_s = 0.4", "ramp_s = 0.41"), ("duration_s = 0.3", "duration_s = 0.31"),
+        ("[0.3, 0.0, 0.0]]", "[0.3, 0.0, 0.0], [0.7, 50.0, 0.0]]"),
     ):  # fmt: skip
         found[f"{old} -> {new}"] = respelled(pushes, old, new)
     # the cover of the box
@@ -226,7 +236,7 @@ def tampered():
     found["watched after an end that moves"] = changed(
         pushes, ("scenarios", 1, "tree", "part"), lambda _: {**copy.deepcopy(later), "after_s": 0.1}
     )
-    for scenario in (0, 1):
+    for scenario in (0, 1, 2):
         for state in (1, 2, 3):
             found[f"pushes {scenario} state {state}"] = changed(
                 pushes, ("scenarios", scenario, "tree", "part", "segments", -1, -1, state, 0, 0), lambda c: c + 2**43
@@ -273,5 +283,5 @@ def weaker():
     )
     found["an eased demand"] = respelled(one, "contact_force_n = 20.0", "contact_force_n = { min = 40.0, soft = true }")
     found["no demand on the torque"] = respelled(one, "torque_nm = 60.0", "torque_nm = { max = 6.0, soft = true }")
-    found["one scenario of two"] = changed(written(PROFILE), ("scenarios",), lambda each: each[:1])
+    found["one scenario of three"] = changed(written(PROFILE), ("scenarios",), lambda each: each[:1])
     return found

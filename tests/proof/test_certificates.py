@@ -96,8 +96,13 @@ def refused(cases):
     assert all(answer.why for answer in answers.values())
 
 
-def test_every_tampering_is_refused():
+def test_tampering_is_refused():
     assert len(tampered()) > 110
+    refused(dict(list(tampered().items())[::3]))
+
+
+@pytest.mark.slow
+def test_every_tampering_is_refused():
     refused(tampered())
 
 
@@ -109,7 +114,7 @@ def test_every_tampering_with_a_box_is_refused():
 def test_what_claims_less_may_stay():
     answers = {name: check(text) for name, text in weaker().items()}
     assert {name: answer.why for name, answer in answers.items() if not answer.confirmed} == {}
-    assert answers["one scenario of two"].left_out == ["start"]
+    assert answers["one scenario of three"].left_out == ["start", "wind"]
 
 
 def test_other_gains_than_the_specs_are_told():

@@ -131,7 +131,7 @@ def _same(one: str, other: str) -> bool:
 def dropouts_said(record: Record, most: int = 6) -> list[str]:
     """Drop-outs and unreadable samples in sentences: how many, and when."""
     found = []
-    for flags, name in ((record.dropouts, "without load (drop-outs)"), (record.gaps, "with an unreadable cell")):
+    for flags, name in ((record.dropouts, "without load (drop-outs)"), (record.gaps, "without a readable value")):
         if not flags.any():
             continue
         spans = record.spans(flags)

@@ -44,12 +44,30 @@ class Clock:
         own = flags[self.rows]
         if not self.resampled:
             return own
-        right = np.clip(np.searchsorted(self.stamps, self.t - 1e-9), 0, len(own) - 1)
-        exact = np.abs(self.stamps[right] - self.t) < 1e-9
-        left = np.where(exact, right, np.maximum(right - 1, 0))
+        right, left = self._beside()
+        return np.asarray(own[left] & own[right] & self.near())
+
+    def near(self) -> NDArray[np.bool_]:
+        """Whether each time lies between rows that are near: where it does not, rows are missing."""
+        if not self.resampled:
+            return np.ones(len(self.t), dtype=bool)
+        right, left = self._beside()
         usual = float(np.median(np.diff(self.stamps)))
-        near = self.stamps[right] - self.stamps[left] <= 5 * max(usual, 1 / self.rate)
-        return np.asarray(own[left] & own[right] & near)
+        return np.asarray(self.stamps[right] - self.stamps[left] <= 5 * max(usual, 1 / self.rate))
+
+    def any_true(self, flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Whether a row beside each time is true, where there are rows."""
+        own = flags[self.rows]
+        if not self.resampled:
+            return own
+        right, left = self._beside()
+        return np.asarray((own[left] | own[right]) & self.near())
+
+    def _beside(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """The places of the stamps at or after each time, and at or before it."""
+        right = np.clip(np.searchsorted(self.stamps, self.t - 1e-9), 0, len(self.stamps) - 1)
+        exact = np.abs(self.stamps[right] - self.t) < 1e-9
+        return right, np.where(exact, right, np.maximum(right - 1, 0))
 
 
 def clock(table: Table, columns: Columns, how: Reading) -> Clock:
@@ -70,7 +88,8 @@ def clock(table: Table, columns: Columns, how: Reading) -> Clock:
             source += f"; column {columns.quantities['time'].columns} is not used"
         even: Array = np.arange(n) / rate
         return _resampled(even, np.arange(n), how, table, [source]) if how.resample else _plain(even, rate, [source])
-    stamps, filled = _filled(stamps, table)
+    blank = _blank(columns)
+    stamps, filled = _filled(np.where(blank, np.nan, stamps), table)
     steps = np.diff(stamps)
     if how.resample:
         order = np.argsort(stamps, kind="stable")
@@ -84,6 +103,13 @@ def clock(table: Table, columns: Columns, how: Reading) -> Clock:
 
 def _plain(t: Array, rate: float, said: list[str]) -> Clock:
     return Clock(t=t, rate=rate, rows=np.arange(len(t)), stamps=t, resampled=False, said=tuple(said))
+
+
+def _blank(columns: Columns) -> NDArray[np.bool_]:
+    """Rows but the first that are zero throughout, time included, where most rows are not: drop-outs of all columns."""
+    zero = np.logical_and.reduce([quantity.values == 0 for quantity in columns.quantities.values()])
+    zero[:1] = False
+    return np.asarray(zero & (zero.mean() < 0.5) & (len(columns.quantities) > 1))
 
 
 def _filled(stamps: Array, table: Table) -> tuple[Array, list[str]]:

@@ -16,16 +16,31 @@ _RATE = re.compile(
     r"|scan rate|rate)\W*?(?:\(hz\)|\[hz\])?[\s,;:=\"]+(\d+(?:[.,]\d+)?)\D{0,8}",
     re.IGNORECASE,
 )
+_COUNT = re.compile(
+    r"\W*(total exported frames|number of samples|number of frames|n[_ ]?rows|no_of_samples|no_of_frames)\W*?"
+    r"[\s,;:=\"]+(\d+)[\s,;\"]*",
+    re.IGNORECASE,
+)
 _VICON = {"devices", "joints", "trajectories", "model outputs", "segments"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Header:
-    """Names and units of the columns (empty if the header names none), a ``rate`` [Hz], and what was found."""
+    """Names and units of the columns (empty if the header names none), a ``rate`` [Hz], and what was found.
+
+    ``promised``: the words in which the header states the number of rows, and this number.
+    """
 
     columns: tuple[Column, ...]
     rate: float | None
     said: tuple[str, ...]
+    promised: tuple[str, int] | None = None
+
+
+def promised_rows(lines: list[str]) -> tuple[str, int] | None:
+    """The words in which a header's ``lines`` state the number of rows, and the least such number."""
+    found = [(match[1], int(match[2])) for line in lines if (match := _COUNT.fullmatch(line.strip()))]
+    return min(found, key=lambda each: each[1]) if found else None
 
 
 def understand(lines: list[str], above: list[int], cells: Callable[[str], list[str]], count: int) -> Header:
@@ -33,6 +48,7 @@ def understand(lines: list[str], above: list[int], cells: Callable[[str], list[s
     rate, said = _rate([lines[index] for index in above])
     if not above:
         return Header(columns=(), rate=rate, said=(*said, "no header"))
+    promised = promised_rows([lines[index] for index in above])
     rows = [(index, _row(lines[index], cells, count)) for index in above[-3:]]
     index, last = rows[-1]
     units: list[str | None] | None = None
@@ -42,11 +58,11 @@ def understand(lines: list[str], above: list[int], cells: Callable[[str], list[s
         said = [*said, f"units in line {rows[-1][0] + 1}"]
     if len(last) != count or not any(last):
         odd = f"line {index + 1} names {len(last)} column{'s' * (len(last) != 1)} over rows of {count}: no names taken"
-        return Header(columns=(), rate=rate, said=(*said, odd))
+        return Header(columns=(), rate=rate, said=(*said, odd), promised=promised)
     columns = [name_and_unit(cell) for cell in last]
     if units is not None:
         columns = [(name, own or unit) for (name, own), unit in zip(columns, units, strict=True)]
-    return Header(columns=tuple(columns), rate=rate, said=(*said, f"names in line {index + 1}"))
+    return Header(columns=tuple(columns), rate=rate, said=(*said, f"names in line {index + 1}"), promised=promised)
 
 
 def _row(line: str, cells: Callable[[str], list[str]], count: int) -> list[str]:

@@ -35,7 +35,7 @@ class Record:
 
     ``load`` = F_T + F_H; ``P``: CoP from the ankle, toe side positive; ``cop``: CoP in the file's frame;
     ``horizontal``: forward force of the ground on the foot. ``valid``: samples with every needed number and load;
-    ``dropouts``: samples without load; ``gaps``: samples with an unreadable cell. ``given``: ``biped`` is the user's
+    ``dropouts``: samples without load; ``gaps``: samples with an unreadable or a missing value. ``given``: ``biped`` is the user's
     spec, not an assumption; ``ankle_assumed``: nobody said where the ankle is, and ``P`` is zero in the mean.
     ``notes``: what was read and detected; ``assumed``: what nobody said; ``warnings``.
     """
@@ -117,6 +117,7 @@ class Trial:
         notes, assumed, warnings = [*self.columns.said, *self.time.said], list(self.columns.assumed), list[str]()
         contact = self._contact(gaps, biped, given, notes, assumed, warnings)
         body = contact.biped
+        gaps |= contact.lost
         bad = gaps | contact.empty
         good = ~bad
         theta, height = self._posture(good, body, given, notes, warnings)
@@ -150,8 +151,8 @@ class Trial:
         return Record(
             origin=file, sha256=self.table.sha256, biped=body, given=given,
             ankle_assumed=contact.ankle_assumed, t=t, rate=self.time.rate,
-            valid=self.time.all_true(good), dropouts=_either(self.time, contact.empty),
-            gaps=_either(self.time, gaps), load=at(contact.load, good), F_T=at(contact.F_T, good),
+            valid=self.time.all_true(good), dropouts=self.time.any_true(contact.empty),
+            gaps=self.time.any_true(gaps) | ~self.time.near(), load=at(contact.load, good), F_T=at(contact.F_T, good),
             F_H=at(contact.F_H, good), P=at(contact.P, good), cop=at(contact.cop, good) if plates else None,
             theta=at_theta, omega=omega, torque=at(self.columns.get("torque"), good),
             horizontal=horizontal, height=at(height, good), columns=taken,
@@ -206,7 +207,7 @@ class Trial:
         load = toe + heel if toe is not None and heel is not None else fz
         if load is None or (toe is None and cop is None and my is None):
             nothing = np.zeros(len(gaps), dtype=bool)
-            return _Contact(biped=biped, empty=nothing)
+            return _Contact(biped=biped, empty=nothing, lost=nothing)
         quantity = self.columns.quantities["toe" if toe is not None and heel is not None else "fz"]
         loaded = load[~gaps & (load != 0)]
         if not len(loaded):
@@ -226,6 +227,14 @@ class Trial:
             raise BadInput(message, file=file, key=f"column {quantity.columns}")
         if good.mean() < 0.5:
             warnings.append(f"only {100 * good.mean():.0f} % of the rows can be used")
+        lost = np.zeros(len(gaps), dtype=bool) if cop is None else _lost_cop(cop, good)
+        if lost.any():
+            count = int(lost.sum())
+            notes.append(f"CoP of exactly 0 under load, far from the others, in {count} row{'s' * (count != 1)}: masked")
+            good &= ~lost
+        if good.sum() < FEWEST:
+            message = f"has only {int(good.sum())} rows with load and a CoP; needs at least {FEWEST}"
+            raise BadInput(message, file=file, key=f"column {quantity.columns}")
         mean = float(load[good].mean())
         warnings += checks.weight(mean, quantity, biped, given=given, file=file)
         if not given:
@@ -247,7 +256,7 @@ class Trial:
                 formula = "(F_T - F_H) ell / (F_T + F_H)"
                 said = checks.agreement(cop[good], P[good], None, self.columns.quantities["cop"], formula, file)
                 (warnings if "times" in said else notes).extend(filter(None, [said]))
-            return _Contact(biped=biped, empty=empty, load=load, F_T=toe, F_H=heel, P=P, cop=P if cop is None else cop,
+            return _Contact(biped=biped, empty=empty, lost=lost, load=load, F_T=toe, F_H=heel, P=P, cop=P if cop is None else cop,
                             horizontal=horizontal)  # fmt: skip
         if my is not None:
             with np.errstate(all="ignore"):
@@ -267,7 +276,7 @@ class Trial:
         checks.within(P[good], biped.ell, said, file)
         difference = P * load / biped.ell  # (18)
         return _Contact(
-            biped=biped, empty=empty, load=load, F_T=0.5 * (load + difference), F_H=0.5 * (load - difference), P=P,
+            biped=biped, empty=empty, lost=lost, load=load, F_T=0.5 * (load + difference), F_H=0.5 * (load - difference), P=P,
             cop=cop, horizontal=horizontal, ankle_assumed=unknown,
         )  # fmt: skip
 
@@ -307,10 +316,11 @@ class Trial:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Contact:
-    """Contact forces of the table's rows; ``empty``: rows without load."""
+    """Contact forces of the table's rows; ``empty``: rows without load; ``lost``: without a CoP under load."""
 
     biped: Biped
     empty: Flags
+    lost: Flags
     load: Array | None = None
     F_T: Array | None = None
     F_H: Array | None = None
@@ -333,9 +343,19 @@ def _with_foot(biped: Biped, cop: Array, P: Array, good: Flags, assumed: list[st
     return biped, ratio * P
 
 
-def _either(time: Clock, flags: Flags) -> Flags:
-    """Whether a row beside each time is flagged."""
-    return ~time.all_true(~flags) if time.resampled else flags[time.rows]
+def _lost_cop(cop: Array, good: Flags) -> Flags:
+    """Loaded rows whose CoP (n,) is exactly 0 between others that are far from it: the plate did not say one."""
+    lost = np.zeros(len(cop), dtype=bool)
+    zero = np.flatnonzero(good & (cop == 0))
+    told = np.flatnonzero(good & (cop != 0))
+    if not len(zero) or len(told) < FEWEST:
+        return lost
+    usual = float(np.percentile(np.abs(np.diff(cop[told])), 90.0))
+    place = np.searchsorted(told, zero)
+    before, after = told[np.maximum(place - 1, 0)], told[np.minimum(place, len(told) - 1)]
+    nearest = np.minimum(np.abs(cop[before]), np.abs(cop[after]))
+    lost[zero[nearest > max(10 * usual, 2e-3)]] = True
+    return lost
 
 
 def _place(text: str) -> float:

@@ -102,6 +102,7 @@ def read(content: bytes, path: str, how: Reading) -> Table:
     names = names or [f"column {index}" for index in range(1, form.cells + 1)]
     rows = np.array(filled[start:], dtype=np.int64)
     check_cells(len(rows), form.cells, path)
+    said += _check_promise(header, len(rows), how, path)
     values, faults = _values(form, [lines[index] for index in rows], rows, names, how, path)
     detected = [*said, f"delimiter {WORDS.get(form.delimiter, repr(form.delimiter))}{sign}", *header.said]
     detected.append(f"data from line {rows[0] + 1} on, {form.cells} columns")
@@ -110,6 +111,20 @@ def read(content: bytes, path: str, how: Reading) -> Table:
         units=tuple(unit for _, unit in header.columns) if header.columns else (None,) * form.cells,
         detected=tuple(detected),
     )  # fmt: skip
+
+
+def _check_promise(header: Header, count: int, how: Reading, path: str) -> list[str]:
+    """Raise ``BadInput`` for fewer rows than the header states; with ``allow_gaps`` it is a note."""
+    if header.promised is None or count >= header.promised[1]:
+        return []
+    words, stated = header.promised
+    if how.allow_gaps:
+        return [f"truncated: {count:,} of the {stated:,} rows that the header states ({words})"]
+    message = (
+        f"is truncated: it has {count:,} rows, and its header states {stated:,} ({words}); copy or export it again, or"
+        " read what there is with --allow-gaps"
+    )
+    raise BadInput(message, file=path)
 
 
 def _decode(content: bytes, path: str) -> tuple[str, list[str]]:

@@ -287,3 +287,53 @@ def test_the_sign_of_a_horizontal_force_that_follows_no_cop_is_assumed(file):
     content = text(T, FZ, COP, np.cos(7 * T), names="Time,Fz,COPx,Fx")
     assert "give fx=-Fx" in " ".join(read(file, content).assumed)
     assert not any("fx=" in said for said in read(file, content, columns="fx=Fx").assumed)
+
+
+def test_missing_rows_that_are_resampled_are_gaps_and_not_drop_outs(file):
+    load = FZ.copy()
+    load[150] = 0.0
+    kept = (np.arange(N) < 70) | (np.arange(N) >= 100)
+    found = read(file, text(T[kept], load[kept], COP[kept]), resample=100.0)
+    assert np.flatnonzero(found.dropouts).tolist() == [150]
+    assert found.gaps[70:100].all()
+    assert found.gaps.sum() == 30
+    assert found.valid.sum() == N - 31
+
+
+def test_a_row_that_is_zero_throughout_is_a_drop_out(file):
+    good = np.ones(N)
+    good[[60, 61, 120, 199]] = 0.0
+    found = read(file, text(T * good, FZ * good, COP * good))
+    assert np.flatnonzero(found.dropouts).tolist() == [60, 61, 120, 199]
+    assert found.t == pytest.approx(T)
+
+
+def test_a_cop_of_zero_under_load_is_a_gap_where_the_others_are_far(file):
+    cop = 0.04 + 0.3 * COP
+    cop[[30, 31, 32, 100]] = 0.0
+    found = read(file, text(T, FZ, cop))
+    assert np.flatnonzero(found.gaps).tolist() == [30, 31, 32, 100]
+    assert not found.dropouts.any()
+    assert any("exactly 0 under load" in note for note in found.notes)
+    assert found.cop.min() > 0.02
+    crossing = COP.copy()
+    crossing[np.abs(crossing) < 3e-4] = 0.0
+    assert (crossing == 0).any()
+    assert not read(file, text(T, FZ, crossing)).gaps.any()
+
+
+@pytest.mark.parametrize(
+    "promise",
+    [
+        "Total Exported Frames,{},", "Number of samples:\t{}", "nRows={}", "NO_OF_SAMPLES\t{}", "NO_OF_FRAMES\t{}",
+    ],
+)  # fmt: skip
+def test_fewer_rows_than_the_header_states_are_refused_or_noted(file, promise):
+    content = (promise + "\n").encode() + text(T, FZ, COP)
+    whole = content.replace(b"{}", b"200")
+    assert len(read(file, whole).t) == N
+    cut = content.replace(b"{}", b"1000")
+    refused = refusal(file, cut)
+    for word in ("truncated", "200 rows", "1,000", "--allow-gaps"):
+        assert word in refused
+    assert any("truncated" in note for note in read(file, cut, allow_gaps=True).notes)

@@ -210,6 +210,26 @@ def prove(
 
 
 @app.command()
+def region(
+    spec: Annotated[str, typer.Argument(metavar="SPEC|DESIGN", help="Spec, or a design.json of `synthesize`.")],
+    scenario: Scenario = None,
+    law: LawOption = None,
+    gains: GainsOption = None,
+    format: Form = "text",
+    plot: Plot = None,
+    output: Output = None,
+    strict: Strict = False,
+) -> None:
+    """Find a set of states from which the loop provably keeps contact and comes to rest, where the force rests.
+
+    An ellipsoid of largest volume, confirmed in exact arithmetic; exit code 0 where there is one, else 3.
+    """
+    from problems.region import command
+
+    raise typer.Exit(CODES[command.region(spec, law, gains, scenario, format, plot, output, strict=strict)])
+
+
+@app.command()
 @reads_recordings
 def estimate(
     file: Annotated[str, typer.Argument(metavar="FILE", help="Text, .npy, .npz, .c3d, or - for standard input.")],

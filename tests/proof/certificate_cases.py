@@ -189,7 +189,7 @@ def tampered():
         ("fy_n = -20.0", "fy_n = -22.0"), ("ramp_s = 0.4", "ramp_s = 0.41"), ("duration_s = 0.3", "duration_s = 0.31"),
         ("[0.3, 0.0, 0.0]]", "[0.3, 0.0, 0.0], [0.7, 50.0, 0.0]]"),
     ):  # fmt: skip
-        found[f"{old} -> {new}"] = respelled(pushes, old, new)
+        found[f"pushes: {old} -> {new}"] = respelled(pushes, old, new)
     # the cover of the box
     # the norm
     found["rate"] = changed(one, (*PART, "rate"), lambda value: 1.01 * value)

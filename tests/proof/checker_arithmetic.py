@@ -183,3 +183,65 @@ def check_linear(linear):
                 assert kept == (share < 1)
     ends = [(Fraction(1), Fraction(2)), (Fraction(3), Fraction(4)), (Fraction(5), Fraction(6))]
     assert set(linear.corners(*ends)) == {(G, 1 / I, 1 / ell) for G in ends[0] for I in ends[1] for ell in ends[2]}
+
+
+def check_tube(tube):
+    """The bounds in a wide tube hold at states on its edge, by the equations written out in floats."""
+    rng = np.random.default_rng(11)
+    spec = {"law": {"desired_angle_deg": Fraction(1)}}
+    M, L, I, m, ell, g = 50.0, 0.75, 7.03125, 2.0, 0.1, 9.81
+    P = [[Fraction(3), Fraction("0.2"), Fraction(0)], [Fraction("0.2"), Fraction("0.05"), Fraction("0.001")],
+         [Fraction(0), Fraction("0.001"), Fraction("0.0004")]]  # fmt: skip
+    metric = np.array([[float(each) for each in row] for row in P])
+    one = tube.ONE
+    for kind, signal in (("slope", [1.0]), ("force", [20.0, -30.0]), ("platform", [0.4])):
+        for n in (2, 3):
+            K = [3500.0, 600.0, 5.0][:n]
+            numbers = {"M": M, "L": L, "I": I, "m": m, "ell": ell, "slope": 5.0 if kind == "slope" else 0.0, "ramp": 0}
+            box = {name: (Fraction(repr(each)), Fraction(0)) for name, each in numbers.items()}
+            metric_n = metric[:n, :n]
+            toward = np.linalg.inv(np.linalg.cholesky(metric_n).T)
+            gains = [Fraction(repr(each)) for each in K]
+            loop = tube._Loop(spec, {"kind": kind}, gains, Fraction("9.81"), box, [row[:n] for row in P[:n]])
+            middle = [0.03, 0.4, 20.0][:n]
+            x = [tube.constant(Fraction(repr(each))) for each in middle]
+            x = [tube.Ball(each.rows) for each in x]
+            parts = loop.parts(x, [tube.constant(Fraction(repr(each))) for each in signal])
+
+            def quantities(y, kind=kind, signal=signal, K=K):
+                theta, omega = y[0], y[1]
+                tau = K[0] * (np.radians(1.0) - theta) - K[1] * omega + (K[2] * y[2] if len(y) == 3 else 0.0)
+                if kind == "slope":
+                    alpha = np.radians(5.0) * signal[0]
+                    side, down = M * g * np.sin(alpha), M * g * np.cos(alpha)
+                elif kind == "platform":
+                    side, down = -M * signal[0], M * g
+                else:
+                    side, down = signal[0], M * g - signal[1]
+                turning = (L * (down * np.sin(theta) + side * np.cos(theta)) + tau) / I
+                load = m * g + down - M * L * (turning * np.sin(theta) + omega**2 * np.cos(theta))
+                G = L * (down * np.cos(theta) - side * np.sin(theta))
+                return np.array([(load - tau / ell) / 2, (load + tau / ell) / 2, tau, load, G, turning])
+
+            at = quantities(np.array(middle))
+            found_at = [parts.tau, parts.load, parts.stiffness, parts.turning]
+            assert np.allclose([ball.rows[0][0] / one for ball in found_at], at[[2, 3, 4, 5]], rtol=1e-10)
+            assert all(ball.rest < 1e-6 * one for ball in found_at)
+            assert np.allclose([ball.rows[0][0] / one for ball in parts.flow], [middle[1], at[5], at[2] / ell][:n])
+            for radius in (1e-3, 3e-2):
+                found = tube.Found(toe=[], heel=[], cop=[], torque=[], G=[])
+                reach = int(radius / np.sqrt(1 / np.linalg.inv(metric_n)[0, 0]) * one) + 9
+                loop.read(x, parts, int(radius * one), Fraction("0.01"), reach, found)
+                for _ in range(200):
+                    way = rng.standard_normal(n)
+                    y = np.array(middle) + toward @ way / np.linalg.norm(way) * radius
+                    toe, heel, tau, load, G, _ = quantities(y)
+                    assert min(found.toe) / one <= toe
+                    assert min(found.heel) / one <= heel
+                    assert max(found.torque) / one >= abs(tau)
+                    assert min(found.cop) / one <= (ell - 0.01) * load - abs(tau)
+                    assert min(found.G) / one <= G <= max(found.G) / one
+                    assert abs(y[0] - middle[0]) * one <= found.reach
+            off = np.abs(rng.standard_normal(n))
+            bound = loop.norm([int(each * one) for each in off]) / one
+            assert np.sqrt(off @ np.abs(metric_n) @ off) <= bound * (1 + 1e-12) < 1.001 * bound

@@ -12,7 +12,7 @@ import checker_arithmetic
 import pytest
 from certificate_cases import tampered, true_ones, weaker
 
-from design.checking import balls, linear
+from design.checking import balls, linear, tube
 
 FOLDER = Path(__file__).resolve().parents[2] / "design" / "checking"
 ORDER = ("__init__", "balls", "linear", "world", "tube", "verdict")
@@ -33,6 +33,10 @@ def test_sine_and_cosine_hold_those_of_mpmath():
 
 def test_poles_and_definiteness_are_those_of_numpy():
     checker_arithmetic.check_linear(linear)
+
+
+def test_the_edge_of_a_wide_tube_lies_within_its_bounds():
+    checker_arithmetic.check_tube(tube)
 
 
 def test_numbers_are_read_as_they_are_written():
@@ -157,6 +161,8 @@ def killed(name, tree, cases, seconds=60.0):
             checker_arithmetic.check_sines(modules["balls"])
         if name in ("__init__", "linear"):
             checker_arithmetic.check_linear(modules["linear"])
+        if name == "tube":
+            checker_arithmetic.check_tube(modules["tube"])
         return any(modules["verdict"].check(given_time(text)).confirmed != truth for text, truth in cases)
     except Exception:
         return True

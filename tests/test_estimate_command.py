@@ -296,3 +296,31 @@ def test_a_file_that_is_read_is_never_written_and_none_is_written_twice(poise, o
     before = {path: path.read_bytes() for path in Path().iterdir() if path.is_file()}
     assert said in poise("estimate", "trial.csv", "--format", "csv", *options, code=2).err
     assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
+
+
+def test_the_spec_of_a_recording_is_named_after_it_and_carries_its_warnings(poise):
+    _plate("_tïme 1.csv", angle=3.0)
+    heavy = builtin_text("adult-slope").replace("mass_kg = ", "mass_kg = 100.0  # ", 1)
+    Path("heavy.toml").write_text(heavy)
+    poise("estimate", "_tïme 1.csv", "--spec", "heavy.toml", "--ankle", "0.04", "--as-spec", "o.toml")
+    assert load("o.toml").spec.name == "t-me 1"
+    head = [line for line in Path("o.toml").read_text().splitlines() if line.startswith("#")]
+    assert any("WARNING" in line and "is it this body's recording?" in line for line in head)
+    poise("estimate", "_tïme 1.csv", "--ankle", "0.04", "--as-spec", "o.toml")
+    said = Path("o.toml").read_text()
+    assert "which nobody gave" in said
+    assert "# assumed: height" in said
+
+
+def test_the_scenario_of_a_recording_has_the_sign_of_the_force_on_the_body(poise):
+    t = np.arange(1200) / 100
+    cop = 0.04 + 0.01 * np.sin(2 * np.pi * 0.9 * t) + 0.004 * np.sin(2 * np.pi * 2.1 * t)
+    points = {}
+    for sign in (1, -1):
+        columns = [t, 790 + 0 * t, cop, sign * 300 * (cop - 0.04)]
+        rows = "".join(",".join(f"{x:.6f}" for x in row) + "\n" for row in zip(*columns, strict=True))
+        Path("trial.csv").write_text("time [s],Fz [N],COPx [m],Fx [N]\n" + rows)
+        poise("estimate", "trial.csv", "--as-spec", "o.toml")
+        points[sign] = np.array(load("o.toml").spec.scenarios[0].points)
+    assert points[1] == pytest.approx(points[-1])
+    assert np.interp(points[1][:, 0], t, cop - 0.04) * 300 == pytest.approx(points[1][:, 1], abs=0.5)

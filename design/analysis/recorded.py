@@ -34,8 +34,8 @@ class Estimates:
     """``F_x``, ``F_y`` (n,) [N] or None, NaN where unknown, and ``how`` each was found, in words.
 
     ``spread`` (2,) and ``bias`` (2,) [N]: means over time of the standard deviation that noise makes and of the bound
-    that the body's tolerances make; None where no angle was measured, ``bias`` also where no tolerances are given; NaN for
-    a force that is not estimated. ``static_x`` (n,): (17), for comparison.
+    that the body's tolerances make; None where no angle was measured, ``bias`` also where no tolerances are given; NaN
+    for a force that is not estimated. ``static_x`` (n,): (17), for comparison.
     """
 
     F_x: Array | None

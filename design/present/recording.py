@@ -201,7 +201,8 @@ def as_text(result: Measured) -> str:
         bias = found.bias or (math.nan, math.nan)
         parts = zip(("F_x", "F_y"), found.spread, bias, strict=True)
         errors = ", ".join(
-            f"{name} ± {number(spread, 3)} N by noise" + ("" if math.isnan(off) else f", {number(off, 3)} N by the body")
+            f"{name} ± {number(spread, 3)} N by noise"
+            + ("" if math.isnan(off) else f", {number(off, 3)} N by the body")
             for name, spread, off in parts
             if not math.isnan(spread)
         )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -54,6 +56,7 @@ def as_toml(source: Source, record: Record, found: Estimates, every: float | Non
         scenario["initial_rate_deg_per_s"] = _plain(math.degrees(record.omega[0]))
     scenario["points"] = [[round(float(t), 9), _plain(x), _plain(y)] for t, x, y in zip(times, *points, strict=True)]
     data["scenarios"] = [scenario]
+    data["name"] = _name(record.origin)
     data["source"] = f"{data.get('source', '')}; force measured, sha256 {record.sha256}".removeprefix("; ")[:2000]
     if not record.given:
         data["body"]["mass_kg"] = _plain(record.biped.M)
@@ -68,10 +71,19 @@ def as_toml(source: Source, record: Record, found: Estimates, every: float | Non
         f"# {said}",
         f"# F_x {found.how_x}",
         f"# F_y {found.how_y}",
+        f"# body of {source.spec.name}"
+        + ("" if record.given else ", which nobody gave, with the mass of the recording"),
+        *(f"# WARNING: {each}" for each in record.warnings),
         *(f"# assumed: {each}" for each in record.assumed),
     ]
     clean = ["".join(c if c.isprintable() else " " for c in line) for line in head]
     return Profile(text="\n".join([*clean, toml(data)]), said=said)
+
+
+def _name(origin: str) -> str:
+    """The recording's file name as the name of a spec."""
+    plain = re.sub(r"[^A-Za-z0-9_. -]", "-", Path(origin).stem).lstrip("_. -")[:64].rstrip()
+    return plain or "recording"
 
 
 def averaged(t: Array, values: Array, valid: np.ndarray[Any, np.dtype[np.bool_]], step: float) -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,12 +11,14 @@ from design.errors import BadInput
 from design.model.body import Biped
 from design.recordings.columns import Quantity
 from design.recordings.table import Array
-from design.recordings.units import KILOPOND, POUND
+from design.recordings.units import FACTORS, KILOPOND, POUND
 
 FAR, NEAR = 2.0, 0.15
 """Beyond this factor a height is refused; beyond this part a height or a mean force is remarked upon."""
 LIGHT, HEAVY = 0.6, 1.6
 """A mean force beyond these parts of the weight of the spec is refused: one of two plates, or another unit."""
+TORQUE, STILL = 1.5, 0.05
+"""By what factor a measured torque may differ, and the standard deviation [N m] below which none is compared."""
 HELD, LEAN = 0.5, 0.35
 """A posture that needs a larger part of the weight as a horizontal force, or leans further [rad] under an even load, is
 none."""
@@ -70,14 +73,24 @@ def _why(ratio: float, quantity: Quantity) -> str:
     return "; give the right column and unit: --columns fz=COLUMN:UNIT"
 
 
-def agreement(cop: Array, other: Array, tilt: Array | None, quantity: Quantity, formula: str, file: str) -> str:
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """How two centres of pressure agree, as ``said``; ``close``: in size as well as a unit can be told."""
+
+    said: str
+    close: bool
+
+
+def agreement(
+    cop: Array, other: Array, tilt: Array | None, quantity: Quantity, formula: str, file: str
+) -> Agreement | None:
     """Compare the file's CoP [m] with ``other`` [m], the one by ``formula``; a constant offset is none of a unit.
 
-    ``tilt`` = f_x / load: the lever of a plate's cover or of its origin adds a multiple of it.
+    ``tilt`` = f_x / load: the lever of a plate's cover or of its origin adds a multiple of it. None if neither moves.
     """
     where = f"column {quantity.columns}"
     if max(cop.std(), other.std()) < 1e-6:
-        return ""
+        return None
     base = [other - other.mean()] + ([] if tilt is None or tilt.std() < 1e-9 else [tilt - tilt.mean()])
     coefficients, *_ = np.linalg.lstsq(np.column_stack(base), cop - cop.mean(), rcond=None)
     slope = float(coefficients[0])
@@ -95,8 +108,9 @@ def agreement(cop: Array, other: Array, tilt: Array | None, quantity: Quantity, 
         offset = float((cop - other).mean())
         most = float(np.abs(cop - other - offset).max())
         apart = f", {1e3 * offset:+.1f} mm apart" if abs(offset) > 1e-3 else ""
-        off = "" if 0.97 < slope < 1.03 else f", though {slope:.3g} times as large"
-        return f"CoP equals {formula} within {1e3 * most:.2g} mm{apart}{off}"
+        close = 0.97 < slope < 1.03
+        off = "" if close else f", though {slope:.3g} times as large"
+        return Agreement(said=f"CoP equals {formula} within {1e3 * most:.2g} mm{apart}{off}", close=close)
     if -1.25 < slope < -0.8:
         message = (
             f"CoP is minus {formula}: the sign of the moment, or of the axis; give my=-COLUMN, or --forward with the"
@@ -176,22 +190,72 @@ def angle(theta: Array, quantity: Quantity, file: str) -> list[str]:
     return []
 
 
-def posture(theta: Array, load: Array, P: Array, quantity: Quantity, biped: Biped, file: str) -> None:
+def torque(tau: Array, implied: Array, quantity: Quantity, file: str, *, size_known: bool, place_known: bool) -> None:
+    """Compare a measured ankle torque [N m] with ``implied`` = ell (F_H - F_T), (11).
+
+    Without ``size_known`` (the foot is assumed) only the sign counts; a difference of the means counts with
+    ``place_known`` (the ankle's).
+    """
+    where, formula = f"column {quantity.columns}", "ell (F_H - F_T) of (11)"
+    spread, theirs = float(tau.std()), float(implied.std())
+    if theirs > STILL:
+        alike = float(np.corrcoef(tau, implied)[0, 1]) if spread > 1e-9 else 0.0
+        ratio = spread / theirs * (math.copysign(1.0, alike))
+        if abs(alike) < 0.6:
+            message = (
+                f"ankle torque does not move with {formula} (correlation {alike:.2f}); another joint's?"
+                " Give --columns torque=COLUMN, or torque=none"
+            )
+            raise BadInput(message, file=file, key=where)
+        if ratio < 0:
+            other = quantity.columns[1:] if quantity.columns.startswith("-") else f"-{quantity.columns}"
+            message = f"ankle torque is minus {formula}: the other sign; give torque={other}"
+            raise BadInput(message, file=file, key=where)
+        if size_known and not 1 / TORQUE <= ratio <= TORQUE:
+            message = (
+                f"ankle torque (read in {quantity.unit}) is {ratio:.4g} times {formula}; needs 1"
+                f"{_moment_unit(ratio, quantity)}"
+            )
+            raise BadInput(message, file=file, key=where)
+    off = float(tau.mean() - implied.mean())
+    if size_known and place_known and abs(off) > max(0.5 * abs(float(implied.mean())), 3 * theirs, 5.0):
+        message = (
+            f"ankle torque (read in {quantity.unit}) is {float(tau.mean()):.4g} N m in the mean, and {formula} is"
+            f" {float(implied.mean()):.4g} N m; check its unit and sign, --ankle, or give torque=none"
+        )
+        raise BadInput(message, file=file, key=where)
+
+
+def _moment_unit(ratio: float, quantity: Quantity) -> str:
+    now = FACTORS["moment"][quantity.unit]
+    for unit, scale in FACTORS["moment"].items():
+        if unit != quantity.unit and abs(math.log(ratio * scale / now)) < 0.4:
+            return f"; it fits if the column is in {unit}: give torque={quantity.columns}:{unit}"
+    half = "; is it one leg's of two? Join them: torque=COLUMN1+COLUMN2" if 0.3 < ratio < 0.7 else ""
+    return half or "; give torque=COLUMN:UNIT, or torque=none"
+
+
+def posture(
+    theta: Array, load: Array, P: Array, quantity: Quantity, biped: Biped, file: str, *, confirmed: bool
+) -> None:
     """Raise ``BadInput`` for an angle [rad] that only a force as large as the weight would hold, by (17): it is in deg.
 
-    An even ``load`` (the CoP ``P`` near the ankle) holds no body that leans far.
+    An even ``load`` (the CoP ``P`` near the ankle) holds no body that leans far, unless a large steady force acts: so
+    the lean alone does not count where the unit is ``confirmed``, by the user or by a rate whose unit is stated.
     """
     if quantity.unit != "rad":
         return
     needed = float(np.median(np.abs((load - biped.m * biped.g) * np.tan(theta))))
     lean = float(np.percentile(np.abs(theta), 90.0))
     even = abs(float(P.mean())) < 0.5 * biped.ell
-    if needed <= HELD * biped.weight and not (even and lean > LEAN):
+    heavy = needed > HELD * biped.weight
+    if not heavy and (confirmed or not even or lean <= LEAN):
         return
+    otherwise = "" if heavy else f", or angle={quantity.columns}:rad if it is rad indeed"
     message = (
-        f"ankle angle (read in rad) reaches {lean:.4g} rad = {math.degrees(lean):.3g} deg, which at rest needs a horizontal"
-        f" force of {needed:.4g} N, {needed / biped.weight:.2g} times the weight, by (17); needs a lean that a standing"
-        f" body holds; the column is perhaps in deg: give angle={quantity.columns}:deg, or correct the header"
+        f"ankle angle (read in rad) reaches {lean:.4g} rad = {math.degrees(lean):.3g} deg, which at rest needs a force"
+        f" of {needed:.4g} N, {needed / biped.weight:.2g} times the weight, by (17); needs a lean that a standing body"
+        f" holds; the column is perhaps in deg: give angle={quantity.columns}:deg (and correct the header){otherwise}"
     )
     raise BadInput(message, file=file, key=f"column {quantity.columns}")
 

@@ -311,8 +311,8 @@ def _check_enough(find: _Finder, roles: set[str]) -> None:
         if odd and meant:
             kind = ROLES[meant.role] if meant.role else KINDS[meant.kind]
             message = (
-                f"states the unit {odd[1]!r}, which is not known; needs one of {units_listed(kind)}: convert the column,"
-                f" or give --columns 'NAME={name}:UNIT'; its columns: {columns}"
+                f"states the unit {odd[1]!r}, which is not known; needs one of {units_listed(kind)}: convert the"
+                f" column, or give --columns 'NAME={name}:UNIT'; its columns: {columns}"
             )
             raise BadInput(message, file=find.table.origin, key=f"column {name}")
     if "fz" in roles and not find.ambiguous:
@@ -373,7 +373,7 @@ def _pair(find: _Finder, parts: dict[str, Parts]) -> None:
             raise BadInput(message, file=find.table.origin)
         if len(set(own)) < len(own) or set(own) != set(tags):
             message = (
-                f"has fz={names} of plate {_plates(tags)} and {role}={its} of plate {_plates(own)}; needs the columns of"
+                f"has fz={names} of plate {_plates(tags)} and {role}={its} of plate {_plates(own)}; needs columns of"
                 f" the same plates: give --columns, or {role}=none"
             )
             raise BadInput(message, file=find.table.origin)

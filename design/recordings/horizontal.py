@@ -1,6 +1,6 @@
 """The sign of a measured horizontal force, by the CoP: of a standing body the ground's force moves against it.
 
-M x'' = f_x, and of an inverted pendulum x'' = -(g/h) (p - x), so f_x ~ -(M g/h) (p - x): above the body's own slow sway,
+M x'' = f_x, and of an inverted pendulum x'' = -(g/h) (p - x), so f_x ~ -(M g/h) (p - x): above the body's slow sway,
 in which x follows p, the force on the foot is minus the CoP, and the force on the plate is plus it.
 """
 
@@ -19,7 +19,7 @@ CLEAR = 0.5
 
 
 def against_cop(force: Array, cop: Array, rate: float) -> float | None:
-    """Correlation of ``force`` (n,) and ``cop`` (n,), sampled at ``rate`` [Hz], in ``BAND``; None if too little is known."""
+    """Correlation of ``force`` and ``cop`` (n,), sampled at ``rate`` [Hz], in ``BAND``; None if too little is known."""
     n = len(force)
     if n / rate < CYCLES / BAND[0] or rate < 4 * BAND[0]:
         return None

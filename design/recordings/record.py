@@ -35,8 +35,8 @@ class Record:
 
     ``load`` = F_T + F_H; ``P``: CoP from the ankle, toe side positive; ``cop``: CoP in the file's frame;
     ``horizontal``: forward force of the ground on the foot. ``valid``: samples with every needed number and load;
-    ``dropouts``: samples without load; ``gaps``: samples with an unreadable or a missing value. ``given``: ``biped`` is the user's
-    spec, not an assumption; ``ankle_assumed``: nobody said where the ankle is, and ``P`` is zero in the mean.
+    ``dropouts``: samples without load; ``gaps``: samples with an unreadable or a missing value. ``given``: ``biped`` is
+    the user's spec, not an assumption; ``ankle_assumed``: nobody said where the ankle is, and the mean of ``P`` is 0.
     ``notes``: what was read and detected; ``assumed``: what nobody said; ``warnings``.
     """
 
@@ -124,7 +124,16 @@ class Trial:
         if contact.load is not None and contact.P is not None and self.columns.get("angle") is not None:
             assert theta is not None
             angle = self.columns.quantities["angle"]
-            checks.posture(theta[good], contact.load[good], contact.P[good], angle, body, file)
+            rate = self.columns.quantities.get("rate")
+            confirmed = "angle" in self.columns.told or (rate is not None and rate.sure)
+            checks.posture(theta[good], contact.load[good], contact.P[good], angle, body, file, confirmed=confirmed)
+        tau = self.columns.get("torque")
+        if tau is not None and contact.F_T is not None and contact.F_H is not None:
+            checks.torque(
+                tau[good], body.ell * (contact.F_H - contact.F_T)[good], self.columns.quantities["torque"], file,
+                size_known=given or not {"toe", "heel"} <= set(used) or "cop" in used,
+                place_known=not contact.ankle_assumed,
+            )  # fmt: skip
         taken = {role: f"{q.columns} [{q.unit}]" for role, q in self.columns.quantities.items()}
         horizontal = self._sampled(contact.horizontal, good)
         if horizontal is not None and theta is None:
@@ -169,7 +178,12 @@ class Trial:
         return self.time.at(values)
 
     def _signed(
-        self, force: Array, cop: Array | None, taken: dict[str, str], notes: list[str], assumed: list[str],
+        self,
+        force: Array,
+        cop: Array | None,
+        taken: dict[str, str],
+        notes: list[str],
+        assumed: list[str],
         warnings: list[str],
     ) -> Array:
         """The horizontal force (n,) with the sign of the force on the foot, which the CoP (n,) tells."""
@@ -230,7 +244,9 @@ class Trial:
         lost = np.zeros(len(gaps), dtype=bool) if cop is None else _lost_cop(cop, good)
         if lost.any():
             count = int(lost.sum())
-            notes.append(f"CoP of exactly 0 under load, far from the others, in {count} row{'s' * (count != 1)}: masked")
+            notes.append(
+                f"CoP of exactly 0 under load, far from the others, in {count} row{'s' * (count != 1)}: masked"
+            )
             good &= ~lost
         if good.sum() < FEWEST:
             message = f"has only {int(good.sum())} rows with load and a CoP; needs at least {FEWEST}"
@@ -243,28 +259,31 @@ class Trial:
                 f"mass {biped.M + biped.m:.4g} kg from the mean vertical force, so that the mean of F_y is zero"
                 f" (give --spec)"
             )
-            assumed.append(
-                f"foot of the built-in adult-slope, {biped.ell:g} m from ankle to toe and heel (give --spec)"
-            )
+        foot = None if given else f"foot of the built-in adult-slope, {biped.ell:g} m from ankle to toe and heel"
         seconds = float(self.time.t[-1] - self.time.t[0])
         if toe is not None and heel is not None:
             with np.errstate(all="ignore"):
                 P = np.where(good, (toe - heel) * biped.ell / np.where(load == 0, np.nan, load), np.nan)  # (18)
             if cop is not None:
-                if not given:
-                    biped, P = _with_foot(biped, cop, P, good, assumed)
+                if not given and (ratio := _foot_ratio(cop, P, good)) is not None:
+                    biped, P = replace(biped, ell=ratio * biped.ell), ratio * P
+                    foot = f"{biped.ell:.4g} m from ankle to toe and heel, as toe force, heel force and CoP say"
                 formula = "(F_T - F_H) ell / (F_T + F_H)"
                 said = checks.agreement(cop[good], P[good], None, self.columns.quantities["cop"], formula, file)
-                (warnings if "times" in said else notes).extend(filter(None, [said]))
-            return _Contact(biped=biped, empty=empty, lost=lost, load=load, F_T=toe, F_H=heel, P=P, cop=P if cop is None else cop,
-                            horizontal=horizontal)  # fmt: skip
+                _note(said, notes, warnings)
+            assumed += [f"{foot} (give --spec)"] if foot else []
+            return _Contact(
+                biped=biped, empty=empty, lost=lost, load=load, F_T=toe, F_H=heel, P=P,
+                cop=P if cop is None else cop, horizontal=horizontal,
+            )  # fmt: skip
+        assumed += [f"{foot} (give --spec)"] if foot else []
         if my is not None:
             with np.errstate(all="ignore"):
                 moment = np.where(good, -my / np.where(load == 0, np.nan, load), np.nan)
             if cop is not None:
                 tilt = None if horizontal is None else (horizontal / np.where(load == 0, np.nan, load))[good]
                 said = checks.agreement(cop[good], moment[good], tilt, self.columns.quantities["cop"], "-my / fz", file)
-                (warnings if "times" in said else notes).extend(filter(None, [said]))
+                _note(said, notes, warnings)
             else:
                 cop = moment
                 notes.append("CoP from the moment: -my / fz")
@@ -272,12 +291,12 @@ class Trial:
         source = self.columns.quantities.get("cop") or self.columns.quantities["my"]
         confirmed = my is not None and "cop" in self.columns.quantities
         warnings += checks.reach(cop[good], source, biped.ell, seconds, file, confirmed=confirmed)
-        P, said, unknown = self._from_ankle(cop, good, assumed)
-        checks.within(P[good], biped.ell, said, file)
+        P, place, unknown = self._from_ankle(cop, good, assumed)
+        checks.within(P[good], biped.ell, place, file)
         difference = P * load / biped.ell  # (18)
         return _Contact(
-            biped=biped, empty=empty, lost=lost, load=load, F_T=0.5 * (load + difference), F_H=0.5 * (load - difference), P=P,
-            cop=cop, horizontal=horizontal, ankle_assumed=unknown,
+            biped=biped, empty=empty, lost=lost, load=load, F_T=0.5 * (load + difference),
+            F_H=0.5 * (load - difference), P=P, cop=cop, horizontal=horizontal, ankle_assumed=unknown,
         )  # fmt: skip
 
     def _from_ankle(self, cop: Array, good: Flags, assumed: list[str]) -> tuple[Array, str, bool]:
@@ -330,17 +349,17 @@ class _Contact:
     ankle_assumed: bool = False
 
 
-def _with_foot(biped: Biped, cop: Array, P: Array, good: Flags, assumed: list[str]) -> tuple[Biped, Array]:
-    """The foot whose CoP by (18) is the file's, and this CoP; ``P`` is that of the foot of ``biped``."""
+def _foot_ratio(cop: Array, P: Array, good: Flags) -> float | None:
+    """How many times the file's CoP is ``P``, that of the assumed foot by (18); None where that says no foot."""
     if P[good].std() < 1e-6:
-        return biped, P
+        return None
     ratio = float(np.polyfit(P[good], cop[good], 1)[0])
-    if not 0.2 < ratio < 5:
-        return biped, P
-    assumed[:] = [said for said in assumed if not said.startswith("foot ")]
-    biped = replace(biped, ell=ratio * biped.ell)
-    assumed.append(f"{biped.ell:.4g} m from ankle to toe and heel, as toe force, heel force and CoP say (give --spec)")
-    return biped, ratio * P
+    return ratio if 0.2 < ratio < 5 else None
+
+
+def _note(found: checks.Agreement | None, notes: list[str], warnings: list[str]) -> None:
+    if found is not None:
+        (notes if found.close else warnings).append(found.said)
 
 
 def _lost_cop(cop: Array, good: Flags) -> Flags:

@@ -169,6 +169,12 @@ def test_a_posture_that_only_the_weight_could_hold_is_refused(file, name):
         refused = refusal(file, text(T, lean, FZ / 2, FZ / 2, names=names))
         for word in ("read in rad", "times the weight", "angle=theta:deg"):
             assert word in refused
+    lean = text(T, 0.4 + THETA, FZ / 2, FZ / 2, names=names)
+    assert "angle=theta:rad if it is rad indeed" in refusal(file, lean)
+    assert read(file, lean, columns="angle=theta:rad").theta.mean() == pytest.approx(0.4, abs=0.02)
+    assert "times the weight" in refusal(
+        file, text(T, 1.2 + THETA, FZ / 2, FZ / 2, names=names), columns="angle=theta:rad"
+    )
     assert read(file, text(T, 3 * THETA, FZ / 2, FZ / 2, names=names)).theta is not None
     degrees = text(T, 1.2 + THETA, FZ / 2, FZ / 2, names="Time,theta [deg],toe_force,heel_force")
     assert read(file, degrees).theta.mean() == pytest.approx(np.radians(1.2), rel=0.1)
@@ -337,3 +343,34 @@ def test_fewer_rows_than_the_header_states_are_refused_or_noted(file, promise):
     for word in ("truncated", "200 rows", "1,000", "--allow-gaps"):
         assert word in refused
     assert any("truncated" in note for note in read(file, cut, allow_gaps=True).notes)
+
+
+TORQUE = -(COP - COP.mean()) * FZ
+
+
+@pytest.mark.parametrize("ankle", [None, "0.0"])
+@pytest.mark.parametrize(
+    ("torque", "said"),
+    [
+        (-TORQUE, "minus ell (F_H - F_T) of (11): the other sign; give torque=-torque"),
+        (100 * TORQUE, "torque=torque:N cm"),
+        (1e3 * TORQUE, "torque=torque:N mm"),
+        (0.5 * TORQUE, "times ell (F_H - F_T) of (11); needs 1; is it one leg's"),
+        (5 + 0 * T, "does not move"),
+        (10 * np.cos(9 * T), "does not move"),
+    ],
+    ids=["sign", "N cm", "N mm", "half", "constant", "another"],
+)
+def test_a_torque_that_is_not_that_of_the_contact_forces_is_refused(file, torque, said, ankle):
+    assert said in refusal(file, text(T, FZ, COP, torque, names="Time,Fz,COPx,torque"), ankle=ankle)
+
+
+def test_a_torque_that_fits_is_taken_and_one_about_another_axis_is_refused(file):
+    names = "Time,Fz,COPx,torque"
+    assert read(file, text(T, FZ, COP, TORQUE + 1, names=names), ankle="0.0").torque is not None
+    assert "in the mean" in refusal(file, text(T, FZ, COP, TORQUE + 60, names=names), ankle="0.0")
+    assert read(file, text(T, FZ, COP, TORQUE + 60, names=names)).torque is not None
+    toes, heels = (FZ / 2 * (1 + sign * COP / 0.12) for sign in (1, -1))
+    names = "Time,toe_force,heel_force,torque"
+    assert "other sign" in refusal(file, text(T, toes, heels, 0.5 * COP * FZ, names=names), given=False)
+    assert read(file, text(T, toes, heels, -0.5 * COP * FZ, names=names), given=False).torque is not None

@@ -123,6 +123,13 @@ def check_sines(balls, digits=40):
                                 assert holds(balls, got, truth, v, [p])
                 if size < 0.1:  # of second order in p at most
                     assert max(each.rest for each in pair) < (size**2 + 1e-6) * one
+        for v in (-1, 1):  # without parameters nothing but the series is left out
+            for size in (0.1, 0.5, -0.5):
+                x = mpmath.mpf(0.3) + v * mpmath.mpf(size)
+                ball = balls.Ball([[int(0.3 * one), int(size * one)]])
+                for got, exact in zip(balls.sine_and_cosine(ball), (mpmath.sin(x), mpmath.cos(x)), strict=True):
+                    assert holds(balls, got, Fraction(int(exact * mpmath.mpf(10) ** 35), 10**35) * one, v, [])
+                    assert got.rest < size**6 / 500 * one
     assert balls.sine_and_cosine(balls.Ball([[]]))[1].rows[0][0] in range(one - 9, one + 1)
     for bad in (2.1, -2.1):
         try:
@@ -203,7 +210,7 @@ def check_tube(tube):
             toward = np.linalg.inv(np.linalg.cholesky(metric_n).T)
             gains = [Fraction(repr(each)) for each in K]
             loop = tube._Loop(spec, {"kind": kind}, gains, Fraction("9.81"), box, [row[:n] for row in P[:n]])
-            middle = [0.03, 0.4, 20.0][:n]
+            middle = [0.3, 3.0, 20.0][:n]
             x = [tube.constant(Fraction(repr(each))) for each in middle]
             x = [tube.Ball(each.rows) for each in x]
             parts = loop.parts(x, [tube.constant(Fraction(repr(each))) for each in signal])

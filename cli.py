@@ -190,6 +190,7 @@ def prove(
     scale: Annotated[float, typer.Option(min=0.0, max=1e3, help="Of the box of [uncertainty]; 0: no box.")] = 1.0,
     time_limit: TimeLimit = 60.0,
     largest: Annotated[bool, typer.Option("--largest", help="Also seek the largest box that is proved.")] = False,
+    certificate: Annotated[str | None, typer.Option(metavar="FILE", help="Write a proof for `poise check`.")] = None,
     law: LawOption = None,
     gains: GainsOption = None,
     format: Form = "text",
@@ -203,10 +204,30 @@ def prove(
     from design.present import proving, terminal
 
     written, answer = proving.render(
-        spec, law, gains, scenario, scale, time_limit, format, output, largest=largest, strict=strict
-    )
+        spec, law, gains, scenario, scale, time_limit, format, output,
+        certificate=certificate, largest=largest, strict=strict,
+    )  # fmt: skip
     terminal.deliver(written, output)
     raise typer.Exit(CODES[answer])
+
+
+@app.command()
+def check(
+    certificate: Annotated[str, typer.Argument(metavar="CERTIFICATE", help="A file of `poise prove --certificate`.")],
+    spec: Annotated[str | None, typer.Argument(metavar="SPEC", help="The spec that it must be for.")] = None,
+    format: Form = "text",
+) -> None:
+    """Check a certificate, by a small program in whole numbers that shares no code with the prover.
+
+    CONFIRMED or REFUSED: exit code 0 or 1.
+    """
+    from design.checking import words
+    from design.present import terminal
+    from design.spec.load import load
+
+    written, confirmed = words.render(certificate, load(spec).sha256 if spec else None, format)
+    terminal.out(written)
+    raise typer.Exit(MET if confirmed else VIOLATED)
 
 
 @app.command()

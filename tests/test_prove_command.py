@@ -80,6 +80,22 @@ def test_what_a_body_of_the_box_breaks_is_broken_in_the_report():
     assert "break it" in row["note"]
 
 
+def test_a_certificate_is_confirmed_for_its_spec_and_refused_for_another_or_when_tampered_with(tmp_path):
+    file = tmp_path / "proof.json"
+    assert _poise("prove", "slope-step", "--certificate", file).returncode == 0
+    confirmed = _poise("check", file, "slope-step")
+    assert confirmed.returncode == 0
+    assert confirmed.stdout.splitlines()[-1].startswith("CONFIRMED")
+    other = _poise("check", file, "slope")
+    assert other.returncode == 1
+    assert "REFUSED" in other.stdout
+    document = json.loads(file.read_text(encoding="utf-8"))
+    document["law"]["kp"] *= 0.9
+    file.write_text(json.dumps(document), encoding="utf-8")
+    assert _poise("check", file).returncode == 1
+    assert _poise("check", CLI).returncode == 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -43,17 +43,24 @@ def render(
     form: str,
     output: str | None = None,
     *,
+    certificate: str | None = None,
     largest: bool = False,
     strict: bool = False,
 ) -> tuple[str, Answer]:
     """Prove, and say what came of it in a ``form``, text or json; and the answer over all scenarios."""
     source, problem = opening.opened(reference, law, gains, strict=strict)
     its = problem.given_gains()
-    store.check_writable(output)
+    store.check_writable(output, certificate)
     names = [each.name for each in problem.scenarios] if scenario is None else [problem.scenario(scenario).name]
     with terminal.progress() as say:
         proofs = proved_in(problem, its, names, seconds=seconds, scale=scale, say=say)
         sizes = _sizes(problem, its, names, seconds, say) if largest else []
+        if certificate and any(proof.answer == "proved" for proof in proofs):
+            from design.proof.certificate import write
+
+            store.write(certificate, write(source, problem, its, proofs, scale, say))
+        elif certificate:
+            terminal.note(f"{certificate}: not written: nothing is proved")
     answer = overall(proofs)
     if form == "json":
         sized = {"largest": [asdict(size) | {"ratio": size.ratio} for size in sizes]} if largest else {}

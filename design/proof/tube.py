@@ -108,6 +108,9 @@ class _Tube:
     def __init__(self, case: Case) -> None:
         self.case, self.k = longer(case), len(case.moving)
         self.size = 2 if case.kind == "pd" else 3
+        if goes_on(case.scenario) and case.radii[NAMES.index("ramp")] > 0:
+            message = "the ramp may end sooner or later than the scenario; lengthen duration_s"
+            raise NotProved(message)
         self.edges, self.h, shares = pieces(self.case.scenario, case.step)
         self.n = len(self.h)
         self._body()

@@ -243,6 +243,12 @@ def test_a_contraction_that_is_claimed_too_fast_is_refused():
     assert (np.abs(inverted(P)) >= np.abs(np.linalg.inv(P)) * (1 - 1e-15)).all()
 
 
+def test_a_ramp_of_uncertain_length_must_end_within_the_scenario():
+    world = slope(PAPER, name="w", angle=math.radians(5), ramp=2.0, duration=2.0)
+    with pytest.raises(NotProved, match="lengthen"):
+        bounds(_case(PAPER, CALM, world, (0.0,) * 6 + (0.1,)))
+
+
 def test_what_is_not_bounded_yet_is_unknown():
     problem = SLOPE.with_law("cop")
     assert prove(problem, problem.gains, "ramp").answer == "unknown"

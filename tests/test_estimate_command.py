@@ -296,6 +296,8 @@ def test_a_file_that_is_read_is_never_written_and_none_is_written_twice(poise, o
     before = {path: path.read_bytes() for path in Path().iterdir() if path.is_file()}
     assert said in poise("estimate", "trial.csv", "--format", "csv", *options, code=2).err
     assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
+    assert "would be lost" in poise("report", "slope", "--record", "trial.csv", "-o", "trial.csv", code=2).err
+    assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
 
 
 def test_the_spec_of_a_recording_is_named_after_it_and_carries_its_warnings(poise):

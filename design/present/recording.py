@@ -88,7 +88,7 @@ def render(
 ) -> str:
     """The recording in a ``form``: text, json or csv; the picture and the spec are written where they are asked for."""
     picture = plots.format_of(plot) if plot else None
-    _check_apart(file, spec, {"--plot": plot, "--as-spec": as_spec, "-o": output})
+    check_apart(file, spec, {"--plot": plot, "--as-spec": as_spec, "-o": output})
     store.check_writable(plot, as_spec, output)
     if every is not None and as_spec is None:
         message = "is the interval of the profile that --as-spec writes; give --as-spec OUT.toml too"
@@ -104,7 +104,7 @@ def render(
     return written
 
 
-def _check_apart(file: str, spec: str | None, written: dict[str, str | None]) -> None:
+def check_apart(file: str, spec: str | None, written: dict[str, str | None]) -> None:
     """Raise ``BadInput`` where a file to be written is one that is read, or is named twice."""
     taken = [(place, what) for place, what in ((file, "the recording itself"), (spec, "the spec")) if place]
     for option, place in written.items():

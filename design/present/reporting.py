@@ -37,6 +37,10 @@ def render(
     with drawing.pen(apart=form == "html") as pen:
         from design.present import opening, report
 
+        if record is not None and output is not None:
+            from design.present.recording import check_apart
+
+            check_apart(record, spec, {"-o": output})
         one = opening.judged(spec, law, gains, strict=strict, record=record, how=how)
         if prove is not None:
             one = opening.proved(one, prove)

@@ -1,14 +1,15 @@
-"""From the arguments of `poise synthesize` and `poise study` to what they print: open, ask, keep what is asked for."""
+"""From the arguments of `poise synthesize` and `poise study` to what they print: open, ask, keep what is asked for.
+
+Each imports its own question: that of a study takes half a second.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from design.model.laws import LawKind
-from design.present import opening, store, study_folder, study_text, synthesis, terminal
+from design.present import opening, store, synthesis, terminal
 from design.spec.schema import Objective
-from problems import gains
-from problems.comparison import conduct
 
 
 def synthesize(
@@ -23,6 +24,8 @@ def synthesize(
     strict: bool,
 ) -> tuple[str, str]:
     """What to print of the gains that are found, and the word of the status; the design is written to ``output``."""
+    from problems import gains
+
     source, problem = opening.opened(spec, law, strict=strict)
     if maximise is not None:
         problem = replace(problem, maximise=maximise)
@@ -49,6 +52,9 @@ def study(
     strict: bool,
 ) -> tuple[str, bool]:
     """What to print of a comparison, and whether it is complete; its trials are kept in the folder ``output``."""
+    from design.present import study_folder, study_text
+    from problems.comparison import conduct
+
     source, problem = opening.opened(spec, strict=strict)
     names = [name.strip() for name in controllers.split(",")] if controllers else None
     problem, names = conduct.with_options(problem, trials=trials, seed=seed, controllers=names)

@@ -8,16 +8,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from design.analysis.rows import Row, RowStatus, Verdict
 from design.errors import BadInput
 from design.model.laws import Gains
 from design.present import store
 from design.present.text import Paint, gains_line, number, ranked, report_table, short, table, word, wrapped
-from design.recordings.record import Record
 from design.spec.load import Source
 from design.spec.setting import Setting
+
+if TYPE_CHECKING:  # only who reads recordings waits for it
+    from design.recordings.record import Record
 
 WORDS: dict[RowStatus, tuple[str, str]] = {
     "met": ("KEPT", "good"),

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,8 +25,10 @@ from design.analysis.simulate import Trajectory
 from design.errors import BadInput
 from design.model.laws import Gains, LawKind
 from design.present.text import columns
-from design.recordings.record import Record
 from design.spec.load import Source
+
+if TYPE_CHECKING:  # only who reads recordings waits for it
+    from design.recordings.record import Record
 
 FORMAT = 1
 """The version of Poise's JSON."""

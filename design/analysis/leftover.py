@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from design.analysis.exponential import exponential
 from design.model.body import Biped
 from design.model.laws import Gains, LawKind
 from design.model.stability import closed_loop_matrix
@@ -106,22 +107,3 @@ def stays_below(B: Array, start: Array, level: float) -> float | None:
 def factors(B: Array, start: Array, T: Array) -> Array:
     """The factors rho (n,) of ``B`` (n, 3, 3) and ``start`` (n, 3), each at its own T (n,)."""
     return np.asarray(np.einsum("nj,nj->n", exponential(B * T[:, None, None])[:, 0], start))
-
-
-def exponential(B: Array) -> Array:
-    """The exponentials of many small matrices (n, k, k): Taylor's series of what is scaled to below 1/2, squared again.
-
-    SciPy's goes through them one by one, and on a machine that is not idle BLAS's threads wait a millisecond in each.
-    """
-    norm = float(np.abs(B).sum(axis=-1).max(initial=0.0))
-    if not math.isfinite(norm):
-        return np.full_like(B, np.inf)
-    halvings = max(0, math.ceil(math.log2(norm)) + 1) if norm > 0 else 0
-    small = B / 2.0**halvings
-    found = term = np.broadcast_to(np.eye(B.shape[-1]), B.shape).copy()
-    for k in range(1, 15):
-        term = np.einsum("nij,njk->nik", term, small) / k
-        found = found + term
-    for _ in range(halvings):
-        found = np.einsum("nij,njk->nik", found, found)
-    return np.asarray(found)

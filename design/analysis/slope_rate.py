@@ -23,6 +23,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from design.analysis.exponential import exponential
 from design.model.body import Biped
 from design.model.laws import Gains, LawKind
 from design.model.margins import effective_gain
@@ -198,17 +199,8 @@ def _lyapunov(A: Array) -> Array:
 
 
 def _expm(A: Array) -> Array:
-    """exp(A) by scaling and squaring a Taylor polynomial."""
-    norm = float(np.abs(A).sum(axis=1).max())
-    if not math.isfinite(norm):
+    found: Array = exponential(A[None])[0]
+    if not np.isfinite(found).all():
         message = "the linear loop is not finite"
         raise ValueError(message)
-    squarings = max(0, math.ceil(math.log2(max(norm, 1e-300))) + 3)
-    part = A / 2.0**squarings
-    term = result = np.eye(len(A))
-    for k in range(1, 12):
-        term = term @ part / k
-        result = result + term
-    for _ in range(squarings):
-        result = result @ result
-    return np.asarray(result)
+    return found

@@ -8,8 +8,6 @@ from design.analysis.rows import Row, Verdict
 from design.model.laws import Gains
 from design.solvers.outcome import Outcome
 
-OBJECTIVE_UNITS = {"decay-rate": "1/s", "contact-force": "N", "cop-margin": "m", "routh-margin": "1"}
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Active:

@@ -118,10 +118,17 @@ class Pattern:
 
     def room(self, points: Array, margins: Array, before: float) -> Array:
         """How far each row is from its bound: at ``points`` (.., 3), with limits' ``margins`` (.., each) there."""
-        parts = [margins.ravel()]
-        if self.reach:
-            torques = points[: self._steps, 2]
-            values = [torques] * self.limited[0] + [np.diff(torques, prepend=before)] * self.limited[1]
-            for value, most in zip(values, self.reach, strict=True):
-                parts += [most - value / self.size, most + value / self.size]
-        return np.concatenate([*parts, [0.0]])
+        return np.concatenate([margins.ravel(), *self._reach_left(points, before), [0.0]])
+
+    def reached(self, points: Array, before: float) -> bool:
+        """Whether the actuator reaches the torques of ``points``."""
+        return not self.reach or all(left.min() >= 0 for left in self._reach_left(points, before))
+
+    def _reach_left(self, points: Array, before: float) -> list[Array]:
+        if not self.reach:
+            return []
+        torques, parts = points[: self._steps, 2], []
+        values = [torques] * self.limited[0] + [np.diff(torques, prepend=before)] * self.limited[1]
+        for value, most in zip(values, self.reach, strict=True):
+            parts += [most - value / self.size, most + value / self.size]
+        return parts

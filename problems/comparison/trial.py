@@ -21,7 +21,7 @@ from design.model.actuator import Actuator
 from design.model.body import Biped
 from design.model.environment import Scenario
 from design.model.laws import Controller, Measurement
-from design.model.plant import held, reactions
+from design.model.plant import body_numbers, held, reactions
 from design.model.sensing import Sensors
 
 Array = NDArray[np.float64]
@@ -96,7 +96,7 @@ def run(world: World, controller: Controller[Any], actuator: Actuator, step: flo
     way = course(scenario, actuator.period, step)
     count = len(way.t)
     plant, reaction = _plant(way.u.shape[2])
-    body = [biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g]
+    body = list(body_numbers(biped))
     states, torque = np.full((2, count + 1), np.nan), np.full(count, np.nan)
     contact, seconds = np.full((3, count), np.nan), np.full(count, np.nan)
     x = np.array([scenario.theta0, scenario.omega0])

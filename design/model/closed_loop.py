@@ -44,9 +44,10 @@ class ClosedLoop:
         # nested in fours: CasADi's default takes five times as long to build
         return self.step.mapaccum("march", count, {"base": 4})
 
-    def start(self, theta: Any, omega: Any, s: Any = 0.0) -> list[Any]:
-        """The states z (n) at t = 0."""
-        return [theta, omega, s, *([self.law.theta_d + self._swing * omega] if self.size == 4 else [])]
+    def start(self, theta: Any, omega: Any, s: Any = 0.0, theta_d: Any = None) -> list[Any]:
+        """The states z (n) at t = 0; ``theta_d`` of a law that adapts is the law's own unless it is given."""
+        theta_d = self.law.theta_d if theta_d is None else theta_d
+        return [theta, omega, s, *([theta_d + self._swing * omega] if self.size == 4 else [])]
 
     def states(self, theta: Array, omega: Array, s: Array, theta_d: Array) -> Array:
         """The states z (n, k) of samples, each (k,)."""

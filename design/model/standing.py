@@ -15,6 +15,7 @@ loop then is the paper's with A L cos(theta_0 - theta_f) for A L, and I + beta f
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +70,15 @@ def standing(biped: Biped, F: Array, target: float = 0.0) -> Standing:
         theta=theta, tau=tau, A=np.where(stands, size * np.cos(away), 0.0), load=load,
         beta=np.where(stands, beta, 0.0),
     )  # fmt: skip
+
+
+def posture(biped: Biped, F_x: float, F_y: float, target: float = 0.0) -> float:
+    """theta_0 [rad] under one force [N]; theta_f (4) where nothing stands."""
+    theta_f = math.atan2(-F_x, biped.M * biped.g - F_y)
+    if biped.plain and target == 0.0:
+        return theta_f
+    theta = float(standing(biped, np.array([[F_x], [F_y]]), target).theta[0])
+    return theta if math.isfinite(theta) else theta_f
 
 
 def met(biped: Biped, target: float, known: Biped) -> float:

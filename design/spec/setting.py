@@ -74,6 +74,15 @@ class Setting:
         """Whether foot and target are the paper's: toe and heel equally far, the ankle on the ground, P_d = 0."""
         return self.biped.plain and self.target == 0.0
 
+    @property
+    def unlike(self) -> str:
+        """What of foot and target is not the paper's, in words; empty where all is."""
+        foot = self.biped
+        said = [f"toe {foot.toe:g} m and heel {foot.heel:g} m from the ankle"] if foot.skew else []
+        said += [f"an ankle {foot.height:g} m high"] if foot.height else []
+        said += [f"a CoP target of {self.target:g} m"] if self.target else []
+        return ", ".join(said)
+
     def scenario(self, name: str) -> Scenario:
         """The scenario of that name; raises ``BadInput`` with the names there are."""
         for scenario in self.scenarios:

@@ -83,6 +83,15 @@ class Setting:
         said += [f"a CoP target of {self.target:g} m"] if self.target else []
         return ", ".join(said)
 
+    def must_be_plain(self, what: str) -> None:
+        """Raise ``BadInput`` unless foot and target are the paper's, as ``what`` needs them."""
+        if not self.plain:
+            message = (
+                f"has {self.unlike}; {what} needs toe and heel equally far from an ankle on the ground, and"
+                " law.cop_target_m = 0; ask simulate or report"
+            )
+            raise BadInput(message, key="foot")
+
     def scenario(self, name: str) -> Scenario:
         """The scenario of that name; raises ``BadInput`` with the names there are."""
         for scenario in self.scenarios:

@@ -222,3 +222,46 @@ def test_one_held_period_is_what_the_body_and_the_sampled_law_do(kind, adapt):
             assert first[0] * T + s == pytest.approx(expected[2], abs=2e-6 * (1 + abs(expected[2])))
         else:
             assert after * scale == pytest.approx(expected[2], abs=3e-3 * abs(expected[2]) + 1e-7)
+
+
+@pytest.mark.parametrize("kind", ["force", "pd"])
+def test_many_bodies_at_once_are_the_runs_of_each(kind):
+    from design.analysis.many import least_forces
+    from design.model.uncertainty import Spread, Tolerances
+
+    wide = Tolerances(M=Spread(part=0.1), ell=Spread(part=0.1), slope=Spread(absolute=0.02))
+    shares = np.array([[0.0] * 7, [1, 0, 0, 0, -1, 1, 0], [-1, 0, 0, 0, 1, -1, 0]])
+    found = least_forces(FEET.biped, kind, GAINS, FEET.scenarios[0], wide, shares, step=2e-3, target=0.03)
+    for k, share in enumerate(shares):
+        biped, world = wide.drawn(FEET.biped, FEET.scenarios[0], share.tolist())
+        run = simulate(closed_loop(biped, kind, 0.0, math.inf, None, 0.03), world, GAINS, 2e-3)
+        assert [each[k] for each in found] == pytest.approx([run.F_T.min(), run.F_H.min()], abs=1e-3)
+
+
+@pytest.mark.parametrize("key", ["ankle_height_m = 0.01", "cop_target_m", "toe_m"])
+def test_what_is_proved_for_the_paper_s_foot_only_is_refused_in_one_line(key):
+    from design.checking import Refused
+    from design.checking.world import read
+    from design.errors import BadInput
+    from design.proof.box import prove
+    from design.proof.largest import largest
+    from problems.region import solve
+
+    text = builtin_text("slope")
+    changed = {
+        "ankle_height_m = 0.01": text.replace("[foot]\n", "[foot]\nankle_height_m = 0.01\n", 1),
+        "cop_target_m": text.replace("[law]\n", "[law]\ncop_target_m = 0.01\n", 1),
+        "toe_m": text.replace("half_length_m = 0.1", "toe_m = 0.12\nheel_m = 0.08", 1),
+    }[key]
+    assert changed != text
+    its = setting(parse(changed, origin="mine").spec)
+    gains = its.given_gains()
+    for ask in (
+        lambda: prove(its, gains, "ramp"),
+        lambda: largest(its, gains, "ramp"),
+        lambda: solve(its, its.scenarios[0], gains),
+    ):
+        with pytest.raises(BadInput, match=r"foot: has .*needs toe and heel equally far from an ankle on the ground"):
+            ask()
+    with pytest.raises(Refused):
+        read(changed)

@@ -87,12 +87,19 @@ class Rest:
         )
 
 
-def static_estimate(biped: Biped, theta: Array, F_T: Array, F_H: Array) -> tuple[Array, Array]:
-    """(F_x, F_y) [N] by (17) and (16); true at rest in the stationary posture, an approximation elsewhere."""
+def static_estimate(biped: Biped, theta: Array, F_T: Array, F_H: Array, target: float = 0.0) -> tuple[Array, Array]:
+    """(F_x, F_y) [N] by (17) and (16); true at rest in the stationary posture, an approximation elsewhere.
+
+    In the stationary posture the CoP is at the law's ``target`` [m]. There the moments about the point under the ankle
+    are F_x (L cos theta + h) = -(load - m g) L sin theta - c m g + target load, in the names of ``design.model.plant``.
+    """
     load = F_H + F_T
     F_y = biped.weight - load  # (16)
     F_x = -(load - biped.m * biped.g) * np.tan(theta)  # (17)
-    return F_x, F_y
+    if biped.plain and target == 0.0:
+        return F_x, F_y
+    across = biped.L * np.cos(theta)
+    return (F_x * across - biped.tilt + target * load) / (across + biped.height), F_y
 
 
 def off(biped: Biped, theta: Array, omega: Array, acceleration: Array, tau: Array) -> tuple[Array, Array]:

@@ -23,6 +23,7 @@ from design.model.laws import Gains
 from design.model.limits import Required
 from design.model.margins import LoopMargins, longest_period, loop_margins
 from design.model.stability import bearing
+from design.model.standing import Place
 from design.spec.setting import Setting
 
 MARGINS: tuple[tuple[str, str, str, Callable[[LoopMargins], float]], ...] = (
@@ -78,20 +79,21 @@ def run_rows(
 def loop_rows(setting: Setting, loop: ClosedLoop, gains: Gains) -> list[Row]:
     """Loop margins, the sampling period, and the slope rate, of the linear loop."""
     biped, kind = setting.biped, setting.law
-    places: dict[tuple[float, float], str] = {}
+    places: dict[Place, str] = {}
     for scenario in setting.scenarios:
-        A, load = scenario.operating_points(biped)
-        for pair in zip(np.round(A, 9).tolist(), np.round(bearing(load), 9).tolist(), strict=True):
-            places.setdefault(pair if kind == "cop" else (pair[0], biped.weight), scenario.name)
+        for place in loop_places(setting, scenario):
+            places.setdefault(place, scenario.name)
     environments = _spread(sorted(places))
     basis = "exact" if len(places) == 1 else "sampled"  # between the environments looked at nothing is known
     rows = []
     try:
         found = [
-            (loop_margins(biped, kind, gains, A, load, setting.adapt), places[A, load]) for A, load in environments
+            (loop_margins(biped, kind, gains, A, load, setting.adapt, beta), places[Place(A, load, beta)])
+            for A, load, beta in environments
         ]
         periods = [
-            (longest_period(biped, kind, gains, A, load, setting.adapt), places[A, load]) for A, load in environments
+            (longest_period(biped, kind, gains, A, load, setting.adapt, beta), places[Place(A, load, beta)])
+            for A, load, beta in environments
         ]
     except (ValueError, np.linalg.LinAlgError) as error:
         undecided: list[tuple[str, str, str]] = [(row, sense, unit) for row, sense, unit, _ in MARGINS]
@@ -116,7 +118,17 @@ def loop_rows(setting: Setting, loop: ClosedLoop, gains: Gains) -> list[Row]:
     return [*rows, _slope_rate(setting, gains)]
 
 
-def _spread(places: list[tuple[float, float]], most: int = 80) -> list[tuple[float, float]]:
+def loop_places(setting: Setting, scenario: Scenario) -> list[Place]:
+    """All environments of ``scenario`` as the linear loop meets them; those between ends of A too."""
+    biped, kind = setting.biped, setting.law
+    if not setting.plain and kind != "pd":
+        return setting.places(scenario)
+    A, load = scenario.operating_points(biped)
+    pairs = zip(np.round(A, 9).tolist(), np.round(bearing(load), 9).tolist(), strict=True)
+    return [Place(a, b if kind == "cop" else biped.weight) for a, b in pairs]
+
+
+def _spread(places: list[Place], most: int = 80) -> list[Place]:
     """At most ``most`` environments, evenly through the sorted ones, with both ends."""
     chosen = sorted({int(k) for k in np.linspace(0, len(places) - 1, most)})
     return [places[k] for k in chosen]
@@ -129,6 +141,8 @@ def _slope_rate(setting: Setting, gains: Gains) -> Row:
     }  # fmt: skip
     if math.isfinite(setting.adapt):
         return _row(setting, **facts, value=None, note="not computed for a law that adapts (law.adapt_s)")
+    if not setting.plain:
+        return _row(setting, **facts, value=None, note="not computed for this foot: " + setting.unlike)
     try:
         peak = peak_gain(setting.biped, setting.law, gains)
     except (ValueError, np.linalg.LinAlgError) as error:
@@ -155,7 +169,7 @@ def survival_rows(setting: Setting, loop: ClosedLoop, gains: Gains, distrust: st
         ]  # fmt: skip
     slope, impulse = step_slope(loop, gains, setting.step), push(loop, gains, setting.step)
     biped = setting.biped
-    light = math.atan(biped.ell / biped.L)
+    light = math.atan(min(biped.toe, biped.heel) / (biped.L + biped.height))
     return [
         _row(setting, id="step-slope", equation="(6)", scenario=None, unit="deg", value=math.degrees(slope.survived),
              basis="sampled", sense="at least",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from design.model.laws import Gains
 from design.model.margins import breaks
-from design.model.stability import deciding_points
+from design.model.stability import deciding_places
 from design.spec.setting import Setting
 
 
@@ -27,13 +27,10 @@ class LoopCurves:
 
 def loop_curves(setting: Setting, gains: Gains) -> LoopCurves:
     """The curves at the largest A of the scenarios."""
-    A, load = (
-        np.concatenate(part)
-        for part in zip(*(s.operating_points(setting.biped) for s in setting.scenarios), strict=True)
-    )
-    A, load = deciding_points(setting.law, A, load, setting.adapt)
-    worst = int(np.argmax(A))
-    broken = breaks(setting.biped, setting.law, gains, float(A[worst]), float(load[worst]), setting.adapt)["actuator"]
+    F = np.concatenate([scenario.operating_forces(setting.biped) for scenario in setting.scenarios], axis=1)
+    places = deciding_places(setting.biped, setting.law, F, setting.adapt, setting.target)
+    A, load, beta = max(places, key=lambda place: place.A)
+    broken = breaks(setting.biped, setting.law, gains, A, load, setting.adapt, beta)["actuator"]
     factors = np.concatenate([np.linspace(0.0, 1.0, 300), np.linspace(1.0, 3.0, 200)])
     size = max(float(np.abs((broken.P + broken.Q).roots()).max()), 1e-6)
     omega = np.logspace(np.log10(size) - 3.5, np.log10(size) + 1.5, 500)

@@ -32,11 +32,12 @@ def least_forces(
     *,
     step: float,
     theta_d: float = 0.0,
+    target: float = 0.0,
 ) -> tuple[Array, Array]:
     """The smallest toe and heel force (N,) [N] at ``shares`` (N, 7) of the half-widths of ``tolerances``.
 
-    ``tolerances.drawn`` says what the shares mean. A body that falls has minus its weight. Raises ``ValueError`` for
-    law cop.
+    ``tolerances.drawn`` says what the shares mean; the law, with P_d = ``target`` [m], knows each body. A body that
+    falls has minus its weight. Raises ``ValueError`` for law cop.
     """
     if kind == "cop":
         message = "law cop is not marched for many bodies"
@@ -49,9 +50,10 @@ def least_forces(
     M, L, I, m, ell = (
         at(getattr(tolerances, name), getattr(biped, name), k) for k, name in enumerate(("M", "L", "I", "m", "ell"))
     )
-    g = biped.g
+    g, skew, height = biped.g, biped.skew, biped.height
     final = float(scenario.signal[0, -1])
     world = _world(scenario, M, g, at(tolerances.slope, final, 5), at(tolerances.ramp, float(scenario.times[-1]), 6))
+    plain = biped.plain and target == 0.0
     K_p, K_d, K_f = gains
     if kind == "pd":
         K_f = 0.0
@@ -60,7 +62,14 @@ def least_forces(
         theta, omega, s = z
         tau = K_p * (theta_d - theta) - K_d * omega + K_f * s
         turning = ((M * g - F[1]) * L * np.sin(theta) + F[0] * L * np.cos(theta) + tau) / I
-        return omega, turning, tau / ell, tau
+        if plain:
+            return omega, turning, tau / ell, tau
+        shear = M * L * (turning * np.cos(theta) - omega**2 * np.sin(theta)) - F[0]
+        turn = tau - ell * skew * m * g + height * shear  # l_H F_H - l_T F_T
+        return omega, turning, (turn + target * pressing(theta, omega, turning, F)) / ell, turn
+
+    def pressing(theta: Array, omega: Array, turning: Array, F: tuple[Array, Array]) -> Array:
+        return M * (g - L * (turning * np.sin(theta) + omega**2 * np.cos(theta))) - F[1] + m * g
 
     n = len(shares)
     z = (np.full(n, scenario.theta0), np.full(n, scenario.omega0), np.zeros(n))
@@ -68,9 +77,9 @@ def least_forces(
     steps = scenario.steps(step)
 
     def seen(z: tuple[Array, Array, Array], rate: tuple[Array, ...], F: tuple[Array, Array]) -> None:
-        pressing = M * (g - L * (rate[1] * np.sin(z[0]) + z[1] ** 2 * np.cos(z[0]))) - F[1] + m * g
-        np.fmin(toe, 0.5 * (pressing - rate[3] / ell), out=toe)
-        np.fmin(heel, 0.5 * (pressing + rate[3] / ell), out=heel)
+        load = pressing(z[0], z[1], rate[1], F)
+        np.fmin(toe, 0.5 * ((1 - skew) * load - rate[3] / ell), out=toe)
+        np.fmin(heel, 0.5 * ((1 + skew) * load + rate[3] / ell), out=heel)
 
     with np.errstate(all="ignore"):
         for t, h in zip(steps.t[:-1].tolist(), steps.h.tolist(), strict=True):

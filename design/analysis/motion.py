@@ -10,6 +10,7 @@ Where the disturbance itself is sought, the largest one that is survived, its si
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,6 +20,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
+from design.analysis.survival import pull, rest
 from design.model.body import Biped
 from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario, Steps
@@ -51,9 +53,16 @@ class Sized:
         alpha = self.size(v)
         return biped.M * biped.g * ca.vertcat(ca.sin(alpha), 1.0 - ca.cos(alpha))
 
-    def rate0(self, biped: Biped, v: Any) -> Any:
-        """The rate at t = 0 [rad/s]."""
-        return self.size(v) * biped.L / biped.I if self.kind == "push" else 0.0
+    def start(self, loop: ClosedLoop, p: Any) -> Any:
+        """The states at t = 0, for p = (K, v): at rest on level ground, and pushed."""
+        biped, law = loop.biped, loop.law
+        omega = self.size(p[3]) * biped.L / biped.I if self.kind == "push" else 0.0
+        if law.kind == "pd" or (biped.plain and law.target == 0.0):
+            return ca.vertcat(*loop.start(0.0, omega))
+        theta, tau = rest(loop)
+        theta_d = theta if math.isfinite(law.adapt) else law.theta_d
+        s = (tau - p[0] * (theta_d - theta)) / (p[2] * pull(loop))
+        return ca.vertcat(*loop.start(theta, omega, s, theta_d))
 
 
 class Motion:
@@ -75,8 +84,9 @@ class Motion:
         if sized is None:
             z0 = ca.SX(ca.DM(loop.start(scenario.theta0, scenario.omega0)))
         else:
-            z0 = ca.vertcat(*loop.start(0.0, sized.rate0(loop.biped, p[3])))
-        orders = (z0, ca.vec(ca.jacobian(z0, p)), ca.SX(self._size * len(self._pairs), 1))  # z0 is affine in p
+            z0 = sized.start(loop, p)
+        slope = ca.jacobian(z0, p)
+        orders = (z0, ca.vec(slope), ca.vertcat(*[ca.jacobian(slope[:, i], p[j]) for i, j in self._pairs]))
         self._start = [ca.Function("start", [p], [ca.densify(ca.vertcat(*orders[: k + 1]))]) for k in range(3)]
         self._built: dict[tuple[int, int], ca.Function] = {}
 

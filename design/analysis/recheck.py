@@ -62,15 +62,18 @@ def second_opinion(
     scenario: Scenario,
     step: float,
     adapt: float = math.inf,
+    target: float = 0.0,
+    s0: float = 0.0,
 ) -> SecondOpinion:
     """Run the loop again, to a relative tolerance of 1e-10, and read it at the samples of ``step`` [s].
 
-    The states are theta, omega, s, and theta_d itself, which follows the estimate within ``adapt`` [s].
+    The states are theta, omega, s, and theta_d itself, which follows the estimate within ``adapt`` [s]. ``target``: P_d
+    [m]; ``s0``: s at t = 0.
     """
     solve_ivp = load_integrator()
     samples = scenario.steps(step)
     z = np.full((4, len(samples.t)), np.nan)
-    state = np.array([scenario.theta0, scenario.omega0, 0.0, theta_d])
+    state = np.array([scenario.theta0, scenario.omega0, s0, theta_d])
     finished = True
     budget = EVALUATIONS
     for start, end in scenario.pieces():
@@ -85,7 +88,7 @@ def second_opinion(
             if budget < 0:
                 raise _TooManySteps
             F_x, F_y = scenario.to_force(first + (t - start) * growth)[:, 0]
-            return _rate(biped, kind, adapt, gains, z, float(F_x), float(F_y))
+            return _rate(biped, kind, adapt, target, gains, z, float(F_x), float(F_y))
 
         inside = np.flatnonzero((samples.t >= start) & (samples.t <= end))
         times = np.unique(samples.t[inside])
@@ -133,7 +136,18 @@ def _reactions(biped: Biped, kind: LawKind, gains: Gains, z: Array, force: Array
     rising = -biped.L * (turning * np.sin(theta) + omega**2 * np.cos(theta))  # second derivative of L cos(theta)
     pressing = biped.M * (rising + biped.g) - force[1]  # of the body on the foot
     total = pressing + biped.m * biped.g
-    return tau, 0.5 * (total - tau / biped.ell), 0.5 * (total + tau / biped.ell)
+    if biped.plain:
+        return tau, 0.5 * (total - tau / biped.ell), 0.5 * (total + tau / biped.ell)
+    sliding = biped.L * (turning * np.cos(theta) - omega**2 * np.sin(theta))  # second derivative of L sin(theta)
+    about_heel = _about_ankle(biped, tau, biped.M * sliding - force[0]) + biped.heel * total
+    F_T = about_heel / (biped.toe + biped.heel)
+    return tau, F_T, total - F_T
+
+
+def _about_ankle(biped: Biped, tau: Any, shear: Any) -> Any:
+    """l_T F_T - l_H F_H [N m], from the foot's balance of moments; ``shear``: the ground's horizontal force."""
+    middle = 0.5 * (biped.toe - biped.heel)
+    return -tau + middle * biped.m * biped.g - biped.height * shear
 
 
 def _turning(biped: Biped, sine: Array, cosine: Array, tau: Array, F_x: Array, F_y: Array) -> Array:
@@ -142,13 +156,24 @@ def _turning(biped: Biped, sine: Array, cosine: Array, tau: Array, F_x: Array, F
     return np.asarray(((biped.M * biped.g - F_y) * lever_x + F_x * lever_y + tau) / biped.I)
 
 
-def _rate(biped: Biped, kind: LawKind, adapt: float, gains: Gains, z: Array, F_x: float, F_y: float) -> list[float]:
+def _rate(
+    biped: Biped, kind: LawKind, adapt: float, target: float, gains: Gains, z: Array, F_x: float, F_y: float
+) -> list[float]:
     theta, omega, s, theta_d = (float(part) for part in z)
     ell, L = biped.ell, biped.L
     factor = {"pd": 0.0, "force": gains.K_f, "cop": gains.K_f * (biped.M + biped.m) * biped.g / ell}[kind]
     tau = gains.K_p * (theta_d - theta) - gains.K_d * omega + factor * s
     sine, cosine = math.sin(theta), math.cos(theta)
     turning = ((biped.M * biped.g - F_y) * L * sine + F_x * L * cosine + tau) / biped.I
+    if kind != "pd" and not (biped.plain and target == 0.0):
+        total = biped.M * (biped.g - L * (turning * sine + omega**2 * cosine)) - F_y + biped.m * biped.g
+        shear = biped.M * L * (turning * cosine - omega**2 * sine) - F_x
+        short = target * total - _about_ankle(biped, tau, shear)  # the load times how far the CoP is behind P_d
+        gathering = (short / total if total else math.inf) if kind == "cop" else short / ell
+        # the moments about the point under the ankle say where the body would rest with the CoP at P_d
+        ground = biped.I + biped.M * L * biped.height
+        leaning = theta + (short - ground * turning) / (biped.M * biped.g * L)
+        return [omega, turning, gathering, (leaning - theta_d) / adapt]
     if kind == "cop":
         total = biped.M * (biped.g - L * (turning * sine + omega**2 * cosine)) - F_y + biped.m * biped.g
         gathering = tau / total if total else math.inf

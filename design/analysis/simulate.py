@@ -93,7 +93,7 @@ def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0
     theta, omega, s = z[:3]
     n = len(theta)
     with np.errstate(all="ignore"):
-        P = (F_T - F_H) * loop.biped.ell / (F_T + F_H)  # (18)
+        P = loop.biped.pressure(F_T, F_H)
     return Trajectory(
         scenario=scenario.name,
         t=steps.t[:n],
@@ -106,7 +106,7 @@ def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0
         F_H=F_H,
         P=P,
         F=steps.force[:, :n],
-        F_estimate=np.vstack(static_estimate(loop.biped, theta, F_T, F_H)),
+        F_estimate=np.vstack(static_estimate(loop.biped, theta, F_T, F_H, loop.law.target)),
         alpha=steps.signal[0, :n] if scenario.kind == "slope" else None,
         fallen=fallen,
     )

@@ -13,6 +13,7 @@ from design.analysis.simulate import Trajectory
 from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario
 from design.model.laws import Gains
+from design.model.standing import posture
 
 Array = NDArray[np.float64]
 
@@ -36,13 +37,12 @@ class Transient:
 
 
 def transient(loop: ClosedLoop, scenario: Scenario, run: Trajectory, band: float | None = None) -> Transient:
-    """The approach to the posture theta_f (4) of the force at the end of ``run``.
+    """The approach to the posture theta_f (4) of the force at the end of ``run``, or that with the CoP at its target.
 
     ``band`` [rad] around it is where it has settled; left out, ``BAND`` of the run's largest distance.
     """
-    biped = loop.biped
     F_x, F_y = run.F[:, -1]
-    theta_f = math.atan2(-F_x, biped.M * biped.g - F_y)
+    theta_f = posture(loop.biped, float(F_x), float(F_y), loop.law.target)
     corner = scenario.steady_from
     away = run.theta - theta_f
     after = np.flatnonzero(run.t >= corner)

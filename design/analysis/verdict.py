@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.analysis.further import LINEAR_IDS, RUN_IDS, STEP_IDS, loop_rows, run_rows, survival_rows
-from design.analysis.rows import Row, Series, Verdict
+from design.analysis.rows import Basis, Row, Series, Verdict
 from design.analysis.simulate import Trajectory, components, simulate
 from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario
@@ -24,17 +24,20 @@ from design.model.stability import (
     characteristic,
     closed_loop_matrix,
     decay_rate,
-    deciding_points,
+    deciding_places,
     is_hurwitz,
     routh_hurwitz,
     shortest_adaptation,
 )
+from design.model.standing import Place
 from design.spec.setting import Setting
 
 Array = NDArray[np.float64]
 
 RUNGE_KUTTA_LIMIT = 2.5
 """|lambda| h beyond which the fourth-order Runge-Kutta method is not trusted; it is unstable from 2.78 on."""
+
+NOTHING_STANDS = "where the force leaves no weight to speak of, no posture has its CoP at the target"
 
 
 def judge(
@@ -76,13 +79,15 @@ def judge(
 
 def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[Row]:
     """(27)-(29) and the decay rate, at the environment of ``scenario`` that is worst for each."""
-    biped, kind = setting.biped, setting.law
-    environments = list(zip(*deciding_points(kind, *scenario.operating_points(biped), setting.adapt), strict=True))
+    biped, kind, environments = setting.biped, setting.law, setting.places(scenario)
+    # between the environments looked at nothing is known, unless all depends on A alone
+    basis: Basis = "exact" if setting.plain or kind == "pd" or len(environments) == 1 else "sampled"
+    note = "" if all(place.A > 0 for place in environments) else NOTHING_STANDS
     equations = {"stiffness": "(27)", "damping": "(28)", "routh": "(29)"}
     units = {"stiffness": "N m/rad", "damping": "N m s/rad" if kind == "pd" else "m/s", "routh": "N² m² s"}
     worst: dict[str, tuple[float, float]] = {}
-    for A, load in environments:
-        for row, pairs in routh_hurwitz(biped, kind, gains, A, load).items():
+    for place in environments:
+        for row, pairs in routh_hurwitz(biped, kind, gains, *place).items():
             pair = min(pairs, key=lambda pair: pair[0] - pair[1]) if row == "damping" else pairs[0]
             pair = next((other for other in pairs if other[0] <= other[1]), pair)
             if row not in worst or pair[0] - pair[1] < worst[row][0] - worst[row][1]:
@@ -91,37 +96,42 @@ def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[R
         Row(
             id=row, equation=equations[row], scenario=scenario.name, unit=units[row], value=float(left),
             required=float(right), margin=float(left - right), status="met" if left > right else "violated",
-            time_s=None, basis="exact",
+            time_s=None, basis=basis, note=note,
         )
         for row, (left, right) in worst.items()
     ]  # fmt: skip
     if math.isfinite(setting.adapt):
-        rows.append(_adaptation_row(setting, scenario, gains, [A for A, _ in environments]))
-    sigma = min(decay_rate(characteristic(biped, kind, gains, A, load, setting.adapt)) for A, load in environments)
+        rows.append(_adaptation_row(setting, scenario, gains, environments))
+    sigma = min(
+        decay_rate(characteristic(biped, kind, gains, A, load, setting.adapt, beta)) for A, load, beta in environments
+    )
     required = setting.required.get("decay-rate", Required(level=0.0))
     met = sigma > 0 and sigma >= required.level
     rows.append(
         Row(
             id="decay-rate", equation="(24)", scenario=scenario.name, unit="1/s", value=sigma,
             required=required.level, margin=sigma - required.level, status="met" if met else "violated",
-            time_s=None, basis="exact", soft=required.soft and sigma > 0,
+            time_s=None, basis=basis, soft=required.soft and sigma > 0, note=note,
         )
     )  # fmt: skip
     return rows
 
 
-def _adaptation_row(setting: Setting, scenario: Scenario, gains: Gains, sizes: Sequence[float]) -> Row:
+def _adaptation_row(setting: Setting, scenario: Scenario, gains: Gains, places: Sequence[Place]) -> Row:
     """Whether theta_d may follow the estimate so fast: T_a against the shortest that is stable, over the scenario."""
     biped = setting.biped
     facts: dict[str, Any] = {"id": "adapt-time", "equation": "(15)", "scenario": scenario.name, "unit": "s",
                              "value": setting.adapt, "time_s": None,
-                             "basis": "exact" if len(sizes) == 1 else "sampled"}  # fmt: skip
+                             "basis": "exact" if len(places) == 1 else "sampled"}  # fmt: skip
     try:
-        shortest = max(shortest_adaptation(biped, gains, A, setting.adapt) for A in sizes)
+        shortest = max(shortest_adaptation(biped, gains, A, setting.adapt, beta) for A, _, beta in places)
     except ValueError:
         note = "the loop is unstable without adaptation"
         return Row(**facts, required=None, margin=None, status="undecided", note=note)
-    stable = all(is_hurwitz(characteristic(biped, setting.law, gains, A, biped.weight, setting.adapt)) for A in sizes)
+    stable = all(
+        is_hurwitz(characteristic(biped, setting.law, gains, A, biped.weight, setting.adapt, beta))
+        for A, _, beta in places
+    )
     return Row(
         **facts, required=shortest, margin=setting.adapt - shortest, status="met" if stable else "violated",
         note="" if shortest else "theta_d may follow the estimate as fast as it likes",
@@ -130,10 +140,12 @@ def _adaptation_row(setting: Setting, scenario: Scenario, gains: Gains, sizes: S
 
 def coarse_step(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float) -> str:
     """Why the Runge-Kutta ``step`` [s] cannot be trusted with these gains, or an empty string."""
-    biped = loop.biped
-    points = zip(*deciding_points(loop.law.kind, *scenario.operating_points(biped), loop.law.adapt), strict=True)
+    biped, law = loop.biped, loop.law
+    places = deciding_places(biped, law.kind, scenario.operating_forces(biped), law.adapt, law.target)
     with np.errstate(all="ignore"):
-        matrices = [closed_loop_matrix(biped, loop.law.kind, gains, A, load, loop.law.adapt) for A, load in points]
+        matrices = [
+            closed_loop_matrix(biped, law.kind, gains, A, load, law.adapt, beta=beta) for A, load, beta in places
+        ]
     if not all(np.isfinite(matrix).all() for matrix in matrices):
         return "the linearised loop is not finite"
     fastest = max(float(np.abs(np.linalg.eigvals(matrix)).max()) for matrix in matrices)

@@ -38,6 +38,9 @@ class Segment:
 def read(text: str) -> dict[str, Any]:
     """The tables of the spec, every number a fraction."""
     tables: dict[str, Any] = _exact(tomllib.loads(text.removeprefix("\ufeff"), parse_float=decimal))
+    foot, law = tables["foot"], tables["law"]
+    need(foot.get("ankle_height_m", 0) == 0 == law.get("cop_target_m", 0), "an ankle or a target that is not at 0")
+    need(foot.keys().isdisjoint(("toe_m", "heel_m")), "a foot that is not told by its half length")
     return tables
 
 

@@ -1,31 +1,67 @@
-"""The two-link biped as checked numbers."""
+"""The two-link biped as checked numbers.
+
+The paper's foot is symmetric, its ankle on the ground. Here the ankle may be nearer to one end, and above the ground:
+ell is half the length of the foot, and the distances to toe and heel are ell (1 + skew) and ell (1 - skew), so that a
+foot that is scaled, ``replace(biped, ell=...)``, keeps its shape. The foot's weight acts in the middle of its length.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Any
 
 from design.errors import BadInput
 
 
 @dataclass(frozen=True, kw_only=True)
 class Biped:
-    """Body and flat, symmetric foot, in SI units, standing under gravity ``g``."""
+    """Body and flat foot, in SI units, standing under gravity ``g``."""
 
     M: float  # mass of the body [kg]
     L: float  # ankle to centre of gravity [m]
     I: float  # inertia of the body about the ankle [kg m²]
     m: float  # mass of the foot [kg]
-    ell: float  # ankle to toe, ankle to heel [m]
+    ell: float  # half the length of the foot; without skew ankle to toe, ankle to heel [m]
     g: float = 9.81  # [m/s²]
+    skew: float = 0.0  # (toe - heel)/(toe + heel) of the distances from the ankle, in (-1, 1)
+    height: float = 0.0  # of the ankle above the ground [m]
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            lowest = 0.0 if field.name == "m" else math.ulp(0.0)
-            if not (math.isfinite(value) and value >= lowest):
-                message = f"is {value}; needs a finite number {'>=' if field.name == 'm' else '>'} 0"
+            may_vanish = field.name in ("m", "height")
+            if field.name == "skew":
+                if not abs(value) < 1:
+                    message = f"is {value}; needs a number between -1 and 1: the ankle lies between heel and toe"
+                    raise BadInput(message, key="Biped.skew")
+            elif not (math.isfinite(value) and value >= (0.0 if may_vanish else math.ulp(0.0))):
+                message = f"is {value}; needs a finite number {'>=' if may_vanish else '>'} 0"
                 raise BadInput(message, key=f"Biped.{field.name}")
+
+    @property
+    def toe(self) -> float:
+        """Ankle to toe [m]."""
+        return self.ell * (1.0 + self.skew)
+
+    @property
+    def heel(self) -> float:
+        """Ankle to heel [m]."""
+        return self.ell * (1.0 - self.skew)
+
+    @property
+    def plain(self) -> bool:
+        """Whether the foot is the paper's: symmetric, the ankle on the ground."""
+        return self.skew == 0.0 and self.height == 0.0
+
+    def pressure(self, F_T: Any, F_H: Any) -> Any:
+        """The centre of pressure P [m] from the ankle, toe side positive, (18)."""
+        return ((1.0 + self.skew) * F_T - (1.0 - self.skew) * F_H) * self.ell / (F_T + F_H)
+
+    @property
+    def tilt(self) -> float:
+        """Moment about the ankle of the foot's own weight, which acts in the middle of its length [N m]."""
+        return self.ell * self.skew * self.m * self.g
 
     @property
     def weight(self) -> float:

@@ -2,7 +2,7 @@
 
 A law that adapts has a fourth state, eta (see ``design.model.laws``); n below is 3 or 4.
 
-While the foot stands, the law's integral follows from the torque: F_H - F_T = tau/ell (11).
+While the paper's foot stands, the law's integral follows from the torque: F_H - F_T = tau/ell (11).
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ class ClosedLoop:
         # nested in fours: CasADi's default takes five times as long to build
         return self.step.mapaccum("march", count, {"base": 4})
 
-    def start(self, theta: Any, omega: Any, s: Any = 0.0) -> list[Any]:
-        """The states z (n) at t = 0."""
-        return [theta, omega, s, *([self.law.theta_d + self._swing * omega] if self.size == 4 else [])]
+    def start(self, theta: Any, omega: Any, s: Any = 0.0, theta_d: Any = None) -> list[Any]:
+        """The states z (n) at t = 0; ``theta_d`` of a law that adapts is the law's own unless it is given."""
+        theta_d = self.law.theta_d if theta_d is None else theta_d
+        return [theta, omega, s, *([theta_d + self._swing * omega] if self.size == 4 else [])]
 
     def states(self, theta: Array, omega: Array, s: Array, theta_d: Array) -> Array:
         """The states z (n, k) of samples, each (k,)."""
@@ -74,14 +75,19 @@ class ClosedLoop:
 
 @lru_cache(maxsize=16)
 def closed_loop(
-    biped: Biped, kind: LawKind, theta_d: float = 0.0, adapt: float = math.inf, known: Biped | None = None
+    biped: Biped,
+    kind: LawKind,
+    theta_d: float = 0.0,
+    adapt: float = math.inf,
+    known: Biped | None = None,
+    target: float = 0.0,
 ) -> ClosedLoop:
     """Close the loop around ``biped`` with the law of this ``kind`` and desired angle ``theta_d`` [rad]; built once.
 
     ``adapt`` [s]: the time within which theta_d follows the estimated posture; infinite if it does not. ``known``: the
-    body that the law reckons with, where it is another than the real one.
+    body that the law reckons with, where it is another than the real one. ``target``: P_d [m].
     """
-    body, control = plant(biped), law(kind, known or biped, theta_d, adapt)
+    body, control = plant(biped), law(kind, known or biped, theta_d, adapt, target)
     n = 2 + control.memory_rate.size1_in(1)
     z, F, K = ca.SX.sym("z", n), ca.SX.sym("F", 2), ca.SX.sym("K", 3)
     x, memory = z[:2], z[2:]

@@ -141,16 +141,18 @@ class Scenario:
         piece, ``per_piece`` instants inside it, and where A is extreme on it (in closed form where the force is
         linear in time; on a slope A does not change).
         """
-        A: list[Array] = []
-        load: list[Array] = []
+        F_x, F_y = self.operating_forces(biped, per_piece)
+        return np.hypot(biped.M * biped.g - F_y, F_x), biped.weight - F_y
+
+    def operating_forces(self, biped: Biped, per_piece: int = 9) -> Array:
+        """The forces (2, j) [N] of ``operating_points``."""
+        found: list[Array] = []
         for start, end in self.pieces():
             t = np.linspace(start, end, per_piece + 2)
             if self.kind != "slope":
                 t = np.append(t, _flattest(self.force_on((start, end), np.array([start, end])), biped, start, end))
-            F_x, F_y = self.force_on((start, end), t)
-            A.append(np.hypot(biped.M * biped.g - F_y, F_x))
-            load.append(biped.weight - F_y)
-        return np.concatenate(A), np.concatenate(load)
+            found.append(self.force_on((start, end), t))
+        return np.concatenate(found, axis=1)
 
 
 def _flattest(ends: Array, biped: Biped, start: float, end: float) -> float:

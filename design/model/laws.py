@@ -17,6 +17,15 @@ A = M g, as on every slope, and at rest under any force. theta'' is not differen
 At rest theta_d = theta_f, and the integral is 0. (16)-(17) put into (15) themselves give theta, at rest or not:
 theta_d would follow the body instead of the world, and the loop would be stable for long T_a only.
 
+Where the centre of pressure is to come to rest under another point than the ankle, P_d, or the ankle is not in the
+middle of the foot, levers l_T and l_H, 2 ell = l_T + l_H, (9) is
+
+    s' = ((l_H + P_d) F_H - (l_T - P_d) F_T)/ell = (F_T + F_H) (P_d - P)/ell
+
+which is F_H - F_T for the paper's foot and P_d = 0; in the law that adapts it takes the place of F_H - F_T, and
+I + M L h that of I, h being the ankle's height: the moment balance about the point under the ankle. There theta_d comes
+to the posture in which P = P_d.
+
 ``Law`` is the law in continuous time, in CasADi, as the paper simulates it. A ``Controller`` is what can run on a
 robot: it is called once a period with what the sensors say. ``sampled`` makes one of a law; it keeps no clock and
 holds no state, so that a run can be repeated, resumed, and branched.
@@ -79,12 +88,13 @@ class Law:
     biped: Biped
     theta_d: float
     adapt: float
+    target: float
     torque: ca.Function
     memory_rate: ca.Function
 
 
-def law(kind: LawKind, biped: Biped, theta_d: float = 0.0, adapt: float = math.inf) -> Law:
-    """The law of this ``kind`` for ``biped``, with desired angle ``theta_d`` [rad] and P_d = 0.
+def law(kind: LawKind, biped: Biped, theta_d: float = 0.0, adapt: float = math.inf, target: float = 0.0) -> Law:
+    """The law of this ``kind`` for ``biped``, with desired angle ``theta_d`` [rad] and P_d = ``target`` [m].
 
     With a finite ``adapt`` [s], for law force only, theta_d is the one at the start.
     """
@@ -95,14 +105,15 @@ def law(kind: LawKind, biped: Biped, theta_d: float = 0.0, adapt: float = math.i
     x, memory = ca.SX.sym("x", 2), ca.SX.sym("memory", 2 if adapts else 1)
     K, forces = ca.SX.sym("K", 3), ca.SX.sym("F", 2)
     aim = desired(biped, adapt, memory[1], x[1]) if adapts else theta_d
-    rate = _memory_rate(kind, biped, forces[0], forces[1])
+    rate = _memory_rate(kind, biped, forces[0], forces[1], target)
     if adapts:
-        rate = ca.vertcat(rate, _follow(biped, adapt, aim, x[0], forces[0], forces[1]))
+        rate = ca.vertcat(rate, _follow(biped, adapt, aim, x[0], rate))
     return Law(
         kind=kind,
         biped=biped,
         theta_d=theta_d,
         adapt=adapt,
+        target=target,
         torque=ca.Function(
             "torque", [x, memory, K], [_torque(kind, biped, aim, x[0], x[1], memory[0], K)], ["x", "memory", "K"],
             ["tau"],
@@ -112,8 +123,11 @@ def law(kind: LawKind, biped: Biped, theta_d: float = 0.0, adapt: float = math.i
 
 
 def swing(biped: Biped, adapt: float) -> float:
-    """How much theta_d gives way to the rate, I/(M g L T_a) [s], in a law that adapts within T_a = ``adapt`` [s]."""
-    return biped.I / (biped.M * biped.g * biped.L * adapt)
+    """How much theta_d gives way to the rate, I/(M g L T_a) [s], in a law that adapts within T_a = ``adapt`` [s].
+
+    With I + M L h for I where the ankle has a height h.
+    """
+    return (biped.I + biped.M * biped.L * biped.height) / (biped.M * biped.g * biped.L * adapt)
 
 
 def desired(biped: Biped, adapt: float, eta: Any, omega: Any) -> Any:
@@ -121,9 +135,9 @@ def desired(biped: Biped, adapt: float, eta: Any, omega: Any) -> Any:
     return eta - swing(biped, adapt) * omega
 
 
-def _follow(biped: Biped, adapt: float, aim: Any, theta: Any, F_T: Any, F_H: Any) -> Any:
-    """How fast eta changes."""
-    return (theta + biped.ell * (F_H - F_T) / (biped.M * biped.g * biped.L) - aim) / adapt
+def _follow(biped: Biped, adapt: float, aim: Any, theta: Any, gathering: Any) -> Any:
+    """How fast eta changes; ``gathering`` is s' (9)."""
+    return (theta + biped.ell * gathering / (biped.M * biped.g * biped.L) - aim) / adapt
 
 
 def _torque(kind: LawKind, biped: Biped, theta_d: Any, theta: Any, omega: Any, s: Any, K: Any) -> Any:
@@ -135,12 +149,13 @@ def _torque(kind: LawKind, biped: Biped, theta_d: Any, theta: Any, omega: Any, s
     return posture + K[2] * (biped.weight / biped.ell) * s  # (20)
 
 
-def _memory_rate(kind: LawKind, biped: Biped, F_T: Any, F_H: Any) -> Any:
+def _memory_rate(kind: LawKind, biped: Biped, F_T: Any, F_H: Any, target: float) -> Any:
     if kind == "pd":
         return 0.0 * F_T
+    lean = biped.skew - target / biped.ell
     if kind == "force":
-        return F_H - F_T  # (9)
-    return -(F_T - F_H) * biped.ell / (F_T + F_H)  # P_d - P with P_d = 0, (18)
+        return (1.0 - lean) * F_H - (1.0 + lean) * F_T  # (9)
+    return -((1.0 + lean) * F_T - (1.0 - lean) * F_H) * biped.ell / (F_T + F_H)  # P_d - P, (18)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,6 +167,7 @@ class SampledLaw:
     gains: Gains
     period: float
     theta_d: float = 0.0
+    target: float = 0.0
 
     def start(self) -> float:
         """The integral at t = 0."""
@@ -161,7 +177,7 @@ class SampledLaw:
         """The torque [N m], and the integral after this period (N s for ``force``, m s for ``cop``)."""
         theta, omega, F_T, F_H = measurement
         tau = _torque(self.kind, self.biped, self.theta_d, theta, omega, memory, self.gains)
-        return tau, memory + self.period * _memory_rate(self.kind, self.biped, F_T, F_H)
+        return tau, memory + self.period * _memory_rate(self.kind, self.biped, F_T, F_H, self.target)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,6 +192,7 @@ class AdaptingLaw:
     period: float
     adapt: float
     theta_d: float = 0.0
+    target: float = 0.0
 
     def start(self) -> tuple[float, float | None]:
         """The memory at t = 0."""
@@ -191,5 +208,6 @@ class AdaptingLaw:
             eta = self.theta_d + swing(self.biped, self.adapt) * omega
         aim = desired(self.biped, self.adapt, eta, omega)
         tau = _torque("force", self.biped, aim, theta, omega, s, self.gains)
-        s += self.period * _memory_rate("force", self.biped, F_T, F_H)
-        return tau, (s, eta + self.period * _follow(self.biped, self.adapt, aim, theta, F_T, F_H))
+        gathering = _memory_rate("force", self.biped, F_T, F_H, self.target)
+        eta += self.period * _follow(self.biped, self.adapt, aim, theta, gathering)
+        return tau, (s + self.period * gathering, eta)

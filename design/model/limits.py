@@ -69,7 +69,7 @@ def limits(plant: Plant, required: Mapping[str, Required]) -> list[Limit]:
     x, tau, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("F", 2)
     reaction = plant.forces(x, tau, F)
     slip = plant.friction(x, tau, F) / (reaction[0] + reaction[1])
-    P, ell = plant.cop(x, tau, F), plant.biped.ell
+    P, ell, toe, heel = plant.cop(x, tau, F), plant.biped.ell, plant.biped.toe, plant.biped.heel
 
     def function(name: str, *components: ca.SX) -> ca.Function:
         return ca.Function(name, [x, tau, F], [ca.vertcat(*components)], ["x", "tau", "F"], ["quantity"])
@@ -83,7 +83,7 @@ def limits(plant: Plant, required: Mapping[str, Required]) -> list[Limit]:
         Limit(id="heel-force", equation="(6)", unit="N", scale=weight, sense="at least",
               quantity=function("heel_force", reaction[1]), required=contact, why=tips.format("toe"), floor=0.0),
         Limit(id="cop-margin", equation="(18)", unit="m", scale=ell, sense="at least",
-              quantity=function("cop_margin", ell - P, ell + P), required=required.get("cop-margin"),
+              quantity=function("cop_margin", toe - P, heel + P), required=required.get("cop-margin"),
               why="the centre of pressure comes near the end of the foot, where it turns", floor=0.0),
         Limit(id="torque", equation="(8)", unit="N m", scale=weight * ell, sense="at most",
               quantity=function("torque", tau, -tau), required=required.get("torque"),

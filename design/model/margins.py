@@ -15,6 +15,8 @@ loop; a Nyquist count must know it, and these formulas do: the nominal loop is s
 change that puts a root on the imaginary axis. Crossings are the positive real roots of polynomials in omega². For law
 (20) K_f stands for K_f (M + m) g/(F_T + F_H); law pd has K_f = 0, and a factor s cancels. Where law force adapts within
 T_a = 1/a, the angle is also read through a K_p (1 - I s²/(M g L))/(s + a), and the force through a K_p/(M g L)/(s + a).
+What the force measurement tells is tau + beta theta'' (``design.model.standing``): I + beta for I where K_f is, and the
+law that adapts has I + M L h for I.
 
 Sources: gain, phase and modulus margin as usual; disk margin in the form of S - T (Seiler, Packard and Gahinet, IEEE
 Control Systems 40, 2020): alpha = 1/max |(S - T)/2|; delay margin by direct frequency sweeping made finite (Walton and
@@ -70,7 +72,9 @@ def effective_gain(biped: Biped, kind: LawKind, K_f: float, load: float) -> floa
     return K_f * biped.weight / load if kind == "cop" else K_f
 
 
-def breaks(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf) -> dict[str, Break]:
+def breaks(
+    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf, beta: float = 0.0
+) -> dict[str, Break]:
     """The loop broken at ``actuator``, ``force`` and ``angle``; ``force`` is missing for law pd."""
     rest = Polynomial([-A * biped.L, 0.0, biped.I])
     feedback = Polynomial([K.K_p, K.K_d])
@@ -78,26 +82,31 @@ def breaks(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: 
         return {"actuator": Break(P=rest, Q=feedback), "angle": Break(P=rest, Q=feedback)}
     pull = effective_gain(biped, kind, K.K_f, load) / biped.ell
     s = Polynomial([0.0, 1.0])
+    extra = Polynomial([0.0, 0.0, beta])
+    told = rest + extra
     if math.isfinite(adapt):
         a, lever = 1.0 / adapt, biped.M * biped.g * biped.L
-        angle = s * (s + a) * feedback - a * K.K_p * s * Polynomial([1.0, 0.0, -biped.I / lever])
+        swung = biped.I + biped.M * biped.L * biped.height
+        angle = s * (s + a) * feedback - a * K.K_p * s * Polynomial([1.0, 0.0, -swung / lever])
         force = pull * (s + a) + (a * K.K_p / lever) * s
         return {
-            "actuator": Break(P=s * (s + a) * rest, Q=(angle - force * rest).trim(1e-12 * abs(K.K_d))),
-            "force": Break(P=s * (s + a) * rest + angle, Q=-force * rest),
-            "angle": Break(P=(s * (s + a) - force) * rest, Q=angle),
+            "actuator": Break(P=s * (s + a) * rest, Q=(angle - force * told).trim(1e-12 * abs(K.K_d))),
+            "force": Break(P=s * (s + a) * rest + angle, Q=-force * told),
+            "angle": Break(P=(s * (s + a) - force) * rest - force * extra, Q=angle),
         }
     return {
-        "actuator": Break(P=s * rest, Q=s * feedback - pull * rest),
-        "force": Break(P=s * (rest + feedback), Q=-pull * rest),
-        "angle": Break(P=(s - pull) * rest, Q=s * feedback),
+        "actuator": Break(P=s * rest, Q=s * feedback - pull * told),
+        "force": Break(P=s * (rest + feedback), Q=-pull * told),
+        "angle": Break(P=(s - pull) * rest - pull * extra, Q=s * feedback),
     }
 
 
-def loop_margins(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf) -> LoopMargins:
+def loop_margins(
+    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf, beta: float = 0.0
+) -> LoopMargins:
     """All margins of a loop that is stable; raises ``ValueError`` for one that is not."""
-    found = margin_pieces(biped, kind, K, A, load, adapt)
-    broken = breaks(biped, kind, K, A, load, adapt)["actuator"]
+    found = margin_pieces(biped, kind, K, A, load, adapt, beta)
+    broken = breaks(biped, kind, K, A, load, adapt, beta)["actuator"]
     peak, _ = _peak(broken.P, broken.P + broken.Q)
     disk_at, disk = min(found["disk-margin"], key=lambda pair: pair[1])
 
@@ -118,14 +127,14 @@ def loop_margins(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, a
 
 
 def margin_pieces(
-    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf
+    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf, beta: float = 0.0
 ) -> dict[str, list[tuple[float, float]]]:
     """What each margin is the worst of, by row id: (frequency [rad/s], value), each smooth in the gains.
 
     One for every crossing of unit gain or of the negative axis, and every peak of |S - T|. Phases in rad. Raises
     ``ValueError`` for a loop that is not stable.
     """
-    at = breaks(biped, kind, K, A, load, adapt)
+    at = breaks(biped, kind, K, A, load, adapt, beta)
     P, Q = at["actuator"].P, at["actuator"].Q
     if (P + Q).roots().real.max() >= 0:
         message = "the loop is not stable; it has no margins"
@@ -226,7 +235,7 @@ def _critical_gains(P: Polynomial, Q: Polynomial) -> list[tuple[float, float]]:
 
 
 def _peaks(above: Polynomial, below: Polynomial) -> list[tuple[float, float]]:
-    """Frequencies [rad/s], infinity included, where |above/below| on the imaginary axis is stationary, and its value."""
+    """Frequencies [rad/s], infinity included, where |above/below| on the imaginary axis is stationary; its values."""
     a, b = _square(above), _square(below)
     candidates = [0.0, *_positive_roots(a.deriv() * b - a * b.deriv())]
     found = [(math.sqrt(w), math.sqrt(float(a(w) / b(w)))) for w in candidates]
@@ -241,7 +250,14 @@ def _peak(above: Polynomial, below: Polynomial) -> tuple[float, float]:
 
 
 def sampled_matrix(
-    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, period: float, adapt: float = math.inf
+    biped: Biped,
+    kind: LawKind,
+    K: Gains,
+    A: float,
+    load: float,
+    period: float,
+    adapt: float = math.inf,
+    beta: float = 0.0,
 ) -> Array:
     """The loop over one ``period`` [s] with the torque held: exact, for the states (theta, omega, s), and eta.
 
@@ -250,7 +266,7 @@ def sampled_matrix(
     that are read, which still are those of the torque before; it is the fifth state.
     """
     if math.isfinite(adapt):
-        return _adapting_matrix(biped, K, A, period, adapt)
+        return _adapting_matrix(biped, K, A, period, adapt, beta)
     Omega = math.sqrt(max(A * biped.L / biped.I, 1e-12))
     c, sh = math.cosh(Omega * period), math.sinh(Omega * period)
     free = np.array([[c, sh / Omega], [Omega * sh, c]])
@@ -261,10 +277,11 @@ def sampled_matrix(
     torque = np.array([-K.K_p, -K.K_d, K_f])
     open_loop = np.zeros((3, 3))
     open_loop[:2, :2], open_loop[2, 2] = free, 1.0
-    return np.asarray(open_loop + np.outer([*push, period / biped.ell], torque))
+    open_loop[2, :2] = beta / biped.ell * (free[1] - [0.0, 1.0])  # theta'' gathered is the change of the rate
+    return np.asarray(open_loop + np.outer([*push, (period + beta * push[1]) / biped.ell], torque))
 
 
-def _adapting_matrix(biped: Biped, K: Gains, A: float, period: float, adapt: float) -> Array:
+def _adapting_matrix(biped: Biped, K: Gains, A: float, period: float, adapt: float, beta: float) -> Array:
     """(5, 5): theta, omega, s, eta, and the torque of the last period."""
     Omega = math.sqrt(max(A * biped.L / biped.I, 1e-12))
     c, sh = math.cosh(Omega * period), math.sinh(Omega * period)
@@ -274,23 +291,26 @@ def _adapting_matrix(biped: Biped, K: Gains, A: float, period: float, adapt: flo
     found[0, :2], found[1, :2] = [c, sh / Omega], [Omega * sh, c]
     found[0] += (c - 1.0) / (Omega**2 * biped.I) * torque
     found[1] += sh / (Omega * biped.I) * torque
-    found[2, 2], found[2, 4] = 1.0, period / biped.ell
-    found[3] = period / adapt * np.array([1.0, b, 0.0, -1.0, 1.0 / lever])
+    told, swung = 1.0 + beta / biped.I, beta * A * biped.L / biped.I  # tau + beta theta'' by tau and theta
+    found[2, 0], found[2, 2], found[2, 4] = period / biped.ell * swung, 1.0, period / biped.ell * told
+    found[3] = period / adapt * np.array([1.0 + swung / lever, b, 0.0, -1.0, 1.0 / lever * told])
     found[3, 3] += 1.0
     found[4] = torque
     return found
 
 
-def longest_period(biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf) -> float:
+def longest_period(
+    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf, beta: float = 0.0
+) -> float:
     """The sampling period [s] at which the held loop first leaves the unit circle; stable at every shorter one.
 
     Sought upward in steps of one per cent, then by bisection; raises ``ValueError`` if the loop is unstable.
     """
 
     def radius(period: float) -> float:
-        return float(np.abs(np.linalg.eigvals(sampled_matrix(biped, kind, K, A, load, period, adapt))).max())
+        return float(np.abs(np.linalg.eigvals(sampled_matrix(biped, kind, K, A, load, period, adapt, beta))).max())
 
-    broken = breaks(biped, kind, K, A, load, adapt)["actuator"]
+    broken = breaks(biped, kind, K, A, load, adapt, beta)["actuator"]
     fastest = float(np.abs((broken.P + broken.Q).roots()).max())
     low = 1e-3 / fastest
     if radius(low) >= 1:

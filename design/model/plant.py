@@ -3,6 +3,15 @@
 x = (theta, omega), F = (F_x, F_y). The foot does not move as long as F_T, F_H > 0 and the friction is large
 enough. The foot's weight enters (5) and (6) as m g / 2; (18) is read with its bracket,
 P = (F_T - F_H) ell / (F_T + F_H).
+
+A foot that is not symmetric, with levers l_T and l_H and its weight at c = (l_T - l_H)/2, and an ankle at height h,
+on which the horizontal force f_x of the ground has an arm too: with N = F_T + F_H = m g + f_y and the moments about the
+ankle
+
+    l_T F_T - l_H F_H = -tau + c m g - h f_x,    P = (l_T F_T - l_H F_H)/N
+
+F_T = (l_H N - tau + c m g - h f_x)/(l_T + l_H) and F_H = (l_T N + tau - c m g + h f_x)/(l_T + l_H). The formulas are
+written such that for the paper's foot they are (5), (6) and (18) to the last digit.
 """
 
 from __future__ import annotations
@@ -33,7 +42,7 @@ class Plant:
 def plant(biped: Biped) -> Plant:
     """Build the equations of ``biped`` once."""
     x, tau, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("F", 2)
-    numbers = (biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g)
+    numbers = body_numbers(biped)
     xdot, reaction, P, f_x = _equations(numbers, x, tau, F)
     arguments, names = [x, tau, F], ["x", "tau", "F"]
     return Plant(
@@ -45,16 +54,22 @@ def plant(biped: Biped) -> Plant:
     )
 
 
-def held(count: int) -> ca.Function:
-    """Any biped under a held torque: (x (2), tau, body (6), drive (7 count + 2)) -> after (5), contact (3, count).
+def body_numbers(biped: Biped) -> tuple[float, ...]:
+    """(M, L, I, m, ell, g, skew, height): what ``held`` and ``reactions`` take for a body."""
+    return biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g, biped.skew, biped.height
 
-    ``body`` is (M, L, I, m, ell, g). The drive is ``count`` steps of (h, F at its start, middle and end), by the
-    classical fourth-order Runge-Kutta method, and then the force that comes afterwards. After is x, F_T and F_H [N]
-    under that force, and 1 where neither end of the foot was ever pulled, else 0.
-    Contact on the way: the smaller of the values at both ends of each step of F_T, F_H [N], and ell - |P| [m].
+
+def held(count: int) -> ca.Function:
+    """Any biped under a held torque: (x (2), tau, body (8), drive (7 count + 2)) -> after (5), contact (3, count).
+
+    ``body`` is ``body_numbers``. The drive is ``count`` steps of (h, F at its start, middle and end), by the classical
+    fourth-order Runge-Kutta method, and then the force that comes afterwards. After is x, F_T and F_H [N] under that
+    force, and 1 where neither end of the foot was ever pulled, else 0. Contact on the way: the smaller of the values at
+    both ends of each step of F_T, F_H [N], and the distance of P from the nearer end of the foot [m].
     """
-    x, tau, body, drive = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 6), ca.SX.sym("drive", 7 * count + 2)
+    x, tau, body, drive = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 8), ca.SX.sym("drive", 7 * count + 2)
     numbers = ca.vertsplit(body)
+    toe, heel = body[4] * (1 + body[6]), body[4] * (1 - body[6])
     following, along, kept = x, [], ca.SX(1)
     for k in range(count):
         u = drive[7 * k : 7 * k + 7]
@@ -66,7 +81,8 @@ def held(count: int) -> ca.Function:
         following = following + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         _, last, P_last, _ = _equations(numbers, following, tau, end)
         least = ca.fmin(first, last)
-        along += [least, body[4] - ca.fmax(ca.fabs(P_first), ca.fabs(P_last))]
+        inside = ca.fmin(toe - ca.fmax(P_first, P_last), heel + ca.fmin(P_first, P_last))
+        along += [least, inside]
         kept *= (least[0] >= 0) * (least[1] >= 0)
     after = ca.vertcat(following, _equations(numbers, following, tau, drive[7 * count :])[1], kept)
     names = ["x", "tau", "body", "drive"], ["after", "contact"]
@@ -74,21 +90,22 @@ def held(count: int) -> ca.Function:
 
 
 def reactions() -> ca.Function:
-    """Any biped's (x (2), tau, body (6), F (2)) -> (F_T, F_H) [N]; ``body`` as in ``held``."""
-    x, tau, body, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 6), ca.SX.sym("F", 2)
+    """Any biped's (x (2), tau, body (8), F (2)) -> (F_T, F_H) [N]; ``body`` as in ``held``."""
+    x, tau, body, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 8), ca.SX.sym("F", 2)
     reaction = _equations(ca.vertsplit(body), x, tau, F)[1]
     return ca.Function("reactions", [x, tau, body, F], [reaction], ["x", "tau", "body", "F"], ["forces"])
 
 
 def _equations(numbers: Any, x: Any, tau: Any, F: Any) -> tuple[Any, Any, Any, Any]:
-    """x', (F_T, F_H), P and the horizontal force on the foot, for a body of ``numbers`` (M, L, I, m, ell, g)."""
-    M, L, I, m, ell, g = numbers
+    """x', (F_T, F_H), P and the horizontal force on the foot, for a body of ``numbers`` (``body_numbers``)."""
+    M, L, I, m, ell, g, skew, height = numbers
     theta, omega = ca.vertsplit(x)
     F_x, F_y = ca.vertsplit(F)
     acceleration = ((M * g - F_y) * L * ca.sin(theta) + F_x * L * ca.cos(theta) + tau) / I  # (2)
     f_y = -M * L * acceleration * ca.sin(theta) - M * L * omega**2 * ca.cos(theta) + M * g - F_y  # (7)
-    F_T = -tau / (2 * ell) + m * g / 2 + f_y / 2  # (5)
-    F_H = tau / (2 * ell) + m * g / 2 + f_y / 2  # (6)
-    P = (F_T - F_H) * ell / (F_T + F_H)  # (18)
     f_x = M * L * (acceleration * ca.cos(theta) - omega**2 * ca.sin(theta)) - F_x  # Newton, forward, foot at rest
+    turn = tau - (ell * skew * m * g - height * f_x)  # l_H F_H - l_T F_T
+    F_T = -turn / (2 * ell) + (1 - skew) * m * g / 2 + (1 - skew) * f_y / 2  # (5)
+    F_H = turn / (2 * ell) + (1 + skew) * m * g / 2 + (1 + skew) * f_y / 2  # (6)
+    P = ((1 + skew) * F_T - (1 - skew) * F_H) * ell / (F_T + F_H)  # (18)
     return ca.vertcat(omega, acceleration), ca.vertcat(F_T, F_H), P, f_x

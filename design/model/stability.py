@@ -12,6 +12,12 @@ kappa = 1 - A/(M g), what its estimate is wrong by where A is not M g,
 
 so that on a slope, where A = M g, a pole -a is added and no other is moved: any T_a is stable.
 
+Where foot or target are not the paper's, A stands for A cos(theta_0 - theta_f), and where K_f is, I + beta for I
+(``design.model.standing``): p_2 = K_d/I - K_f (1 + beta/I)/ell, (28) is ell K_d > (I + beta) K_f, and (29)
+(K_d ell - K_f (I + beta)) K_p > (K_d ell - K_f beta) A L. From the polynomial of the law that adapts, which reckons
+with the inertia I + M L h about the point under the ankle, a (K_p/I) (kappa lambda + epsilon lambda^3) is subtracted,
+epsilon = (beta - M L h)/(M g L). All of it is affine in K: ``polynomial_map``.
+
 Every pole has a real part of at most -sigma if and only if the polynomial in mu = lambda + sigma has no root in the
 open right half-plane. For law (8) the tests on its coefficients are affine in A, so that over a range of A its two
 ends decide; the same holds for pd.
@@ -29,28 +35,69 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from design.model.body import Biped
+from design.model.closed_loop import ClosedLoop
 from design.model.laws import Gains, LawKind, swing
+from design.model.standing import Place, met, standing
 
 Array = NDArray[np.float64]
 
 
-def characteristic(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any, adapt: float = math.inf) -> tuple[Any, ...]:
+def characteristic(
+    biped: Biped, kind: LawKind, K: Any, A: Any, load: Any, adapt: float = math.inf, beta: Any = 0.0
+) -> tuple[Any, ...]:
     """Coefficients after the leading 1, highest power first: (p_2, p_1, p_0), or (p_1, p_0) for law pd; (25).
 
     ``K`` = (K_p, K_d, K_f), ``A`` [N] (3), ``load`` = F_T + F_H at rest [N]: floats, fractions or CasADi expressions.
-    Four coefficients where the law adapts within ``adapt`` [s].
+    Four coefficients where the law adapts within ``adapt`` [s]. ``beta``: see ``design.model.standing``.
     """
     K_p, K_d, K_f = K[0], K[1], K[2]
     if kind == "pd":
         return K_d / biped.I, (K_p - A * biped.L) / biped.I
     if kind == "cop":
         K_f = K_f * (biped.weight / load)
-    p = K_d / biped.I - K_f / biped.ell, (K_p - A * biped.L) / biped.I, K_f * (A * biped.L / (biped.I * biped.ell))
+    p = (
+        K_d / biped.I - K_f / biped.ell * (1 + beta / biped.I),
+        (K_p - A * biped.L) / biped.I,
+        K_f * (A * biped.L / (biped.I * biped.ell)),
+    )
     if not math.isfinite(adapt):
         return p
     a = 1.0 / adapt
     kappa = 1.0 - A / (biped.M * biped.g)
-    return p[0] + a, p[1] + a * p[0], p[2] + a * (p[1] - kappa * K_p / biped.I), a * p[2]
+    swollen = a * (beta - biped.M * biped.L * biped.height) / (biped.M * biped.g * biped.L) * K_p / biped.I
+    return p[0] + a - swollen, p[1] + a * p[0], p[2] + a * (p[1] - kappa * K_p / biped.I), a * p[2]
+
+
+def polynomial_map(loop: ClosedLoop, F_x: float, F_y: float) -> tuple[Array, Array]:
+    """The characteristic polynomial of ``loop`` about where it comes to rest under (F_x, F_y) [N], for all gains.
+
+    Its coefficients after the leading 1, highest power first, are offset (n,) + slope (n, 3) @ (K_p, K_d, K_f): n is 3,
+    2 for law pd, 4 for a law that adapts. The law may know another body than the one that there is.
+    """
+    biped, known, kind = loop.biped, loop.law.biped, loop.law.kind
+    place = standing(biped, np.array([[F_x], [F_y]]), met(biped, loop.law.target, known))
+    A, load, beta = place.places[0]
+    I, ell = biped.I, biped.ell
+    if kind == "pd":
+        A = math.hypot(biped.M * biped.g - F_y, F_x)
+        return np.array([0.0, -A * biped.L / I]), np.array([[0.0, 1 / I, 0.0], [1 / I, 0.0, 0.0]])
+    strong = known.weight / load if kind == "cop" else 1.0
+    offset = np.array([0.0, -A * biped.L / I, 0.0])
+    slope = np.zeros((3, 3))
+    slope[0] = 0.0, 1 / I, -strong / ell * (1 + beta / I)
+    slope[1, 0] = 1 / I
+    slope[2, 2] = strong * (A * biped.L / (I * ell))
+    if not math.isfinite(loop.law.adapt):
+        return offset, slope
+    a, lever = 1.0 / loop.law.adapt, known.M * known.g * known.L
+    wide = known.ell / ell
+    kappa = 1.0 - wide * A * biped.L / lever
+    epsilon = (wide * (I + beta) - known.I - known.M * known.L * known.height) / lever
+    offset = np.append(offset, 0.0) + a * np.append(1.0, offset)
+    slope = np.vstack([slope, np.zeros(3)]) + a * np.vstack([np.zeros(3), slope])
+    slope[0, 0] -= a * epsilon / I
+    slope[2, 0] -= a * kappa / I
+    return offset, slope
 
 
 def shifted(p: Sequence[Any], sigma: Any) -> tuple[Any, ...]:
@@ -103,30 +150,31 @@ def decay_rate(p: Sequence[float]) -> float:
     return low
 
 
-def shortest_adaptation(biped: Biped, K: Gains, A: float, adapt: float) -> float:
+def shortest_adaptation(biped: Biped, K: Gains, A: float, adapt: float, beta: float = 0.0) -> float:
     """The T_a [s] down to which every one from ``adapt`` on, or from infinity if that is unstable, is stable.
 
     0 if all are; raises ``ValueError`` if the loop is unstable without adaptation.
     """
-    p_2, p_1, p_0 = characteristic(biped, "force", K, A, biped.weight)
+    p_2, p_1, p_0 = characteristic(biped, "force", K, A, biped.weight, beta=beta)
     if not is_hurwitz((p_2, p_1, p_0)):
         message = "the loop is not stable"
         raise ValueError(message)
     a = Polynomial([0.0, 1.0])
+    epsilon = (beta - biped.M * biped.L * biped.height) / (biped.M * biped.g * biped.L)
     q_3, q_2, q_1, q_0 = (
-        p_2 + a,
+        p_2 + (1.0 - epsilon * K.K_p / biped.I) * a,
         p_1 + p_2 * a,
         p_0 + (p_1 - (1 - A / (biped.M * biped.g)) * K.K_p / biped.I) * a,
         p_0 * a,
     )
-    changes = [q_1 * (q_3 * q_2 - q_1) - q_3**2 * q_0, q_1, q_2]
+    changes = [q_1 * (q_3 * q_2 - q_1) - q_3**2 * q_0, q_1, q_2, *([] if epsilon == 0.0 else [q_3])]
     rates = sorted(
         float(root.real)
         for each in changes
         for root in each.trim(1e-12 * float(np.abs(each.coef).max())).roots()
         if root.real > 0 and abs(root.imag) <= 1e-9 * abs(root)
     )
-    from_ = 1.0 / adapt if is_hurwitz(characteristic(biped, "force", K, A, biped.weight, adapt)) else 0.0
+    from_ = 1.0 / adapt if is_hurwitz(characteristic(biped, "force", K, A, biped.weight, adapt, beta)) else 0.0
     return next((1.0 / rate for rate in rates if rate > from_ * (1 + 1e-12)), 0.0)
 
 
@@ -138,6 +186,7 @@ def closed_loop_matrix(
     load: float,
     adapt: float = math.inf,
     known: Biped | None = None,
+    beta: float = 0.0,
 ) -> Array:
     """(23) for the states (theta, omega, s) about the stationary posture; (2, 2) without s for law pd.
 
@@ -151,15 +200,17 @@ def closed_loop_matrix(
         believed = known or biped
         b, a, lever = swing(believed, adapt), 1.0 / adapt, believed.M * believed.g * believed.L
         torque = np.array([-K_p, -K_d - K_p * b, K_f, K_p])
-        follow = a * (torque * (believed.ell / ell) / lever + np.array([1.0, b, 0.0, -1.0]))
         fall = np.array([A * biped.L / I, 0.0, 0.0, 0.0])
-        return np.array([[0.0, 1.0, 0.0, 0.0], torque / I + fall, torque / ell, follow])
+        pushed = torque * (1.0 + beta / I) + beta * fall
+        follow = a * (pushed * (believed.ell / ell) / lever + np.array([1.0, b, 0.0, -1.0]))
+        return np.array([[0.0, 1.0, 0.0, 0.0], torque / I + fall, pushed / ell, follow])
     if kind == "cop":  # s' = -P = tau / load, tau = ... + K_F s
         K_F = K_f * biped.weight / ell
         torque, gather = np.array([-K_p, -K_d, K_F]), 1.0 / load
     else:  # s' = tau / ell (11)
         torque, gather = np.array([-K_p, -K_d, K_f]), 1.0 / ell
-    return np.array([[0.0, 1.0, 0.0], torque / I + np.array([A * biped.L / I, 0.0, 0.0]), gather * torque])
+    fall = np.array([A * biped.L / I, 0.0, 0.0])
+    return np.array([[0.0, 1.0, 0.0], torque / I + fall, gather * (torque * (1.0 + beta / I) + beta * fall)])
 
 
 def bearing(load: Array) -> Array:
@@ -182,7 +233,23 @@ def deciding_points(kind: LawKind, A: Array, load: Array, adapt: float = math.in
     return np.array([a for a, _ in pairs]), np.array([n for _, n in pairs])
 
 
-def routh_hurwitz(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) -> dict[str, list[tuple[Any, Any]]]:
+def deciding_places(biped: Biped, kind: LawKind, F: Array, adapt: float = math.inf, target: float = 0.0) -> list[Place]:
+    """Of the environments with forces ``F`` (2, j) [N], those that decide linear stability: ``deciding_points``.
+
+    For a foot or a target that is not the paper's all that differ, but under law pd, which does not ask the foot.
+    """
+    down = biped.M * biped.g - F[1]
+    if kind == "pd" or (biped.plain and target == 0.0):
+        points = deciding_points(kind, np.hypot(down, F[0]), biped.weight - F[1], adapt)
+        return [Place(float(A), float(load)) for A, load in zip(*points, strict=True)]
+    found = standing(biped, F, target)
+    load = bearing(found.load) if kind == "cop" else np.full_like(found.load, found.load[0])
+    return sorted(set(found._replace(A=found.A.round(9), load=load.round(9), beta=found.beta.round(9)).places))
+
+
+def routh_hurwitz(
+    biped: Biped, kind: LawKind, K: Any, A: Any, load: Any, beta: Any = 0.0
+) -> dict[str, list[tuple[Any, Any]]]:
     """(27)-(29) as pairs (left, right) of which left > right is required, by row id.
 
     ``stiffness`` [N m/rad], ``damping`` [m/s], ``routh`` [N² m² s]. Law pd has no ``routh``, and its ``damping`` is
@@ -196,16 +263,16 @@ def routh_hurwitz(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) -> dic
         K_f = K_f * (biped.weight / load)
     return {
         "stiffness": [(K_p, AL), (AL, 0.0)],  # (27)
-        "damping": [(ell / I * K_d, K_f), (K_f, 0.0)],  # (28)
-        "routh": [((K_d * ell - K_f * I) * K_p, K_d * ell * AL)],  # (29)
+        "damping": [(ell / I * K_d, K_f * (1 + beta / I)), (K_f, 0.0)],  # (28)
+        "routh": [((K_d * ell - K_f * (I + beta)) * K_p, (K_d * ell - K_f * beta) * AL)],  # (29)
     }
 
 
-def normalised_slacks(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) -> tuple[Any, ...]:
+def normalised_slacks(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any, beta: Any = 0.0) -> tuple[Any, ...]:
     """(27)-(29) without units, each > 0 where it holds; the smallest, always below 1, is the ``routh-margin``.
 
-    With kappa = A L/K_p and r = K_f I/(ell K_d): 1 - kappa (27); 1 - r and r (28); 1 - r - kappa (29) divided by
-    K_p K_d ell. For law pd 1 - kappa alone.
+    With kappa = A L/K_p and r = K_f (I + beta)/(ell K_d): 1 - kappa (27); 1 - r and r (28); and (29) divided by K_p K_d
+    ell, 1 - r - kappa (1 - r beta/(I + beta)). For law pd 1 - kappa alone.
     """
     K_p, K_d, K_f = K[0], K[1], K[2]
     kappa = A * biped.L / K_p
@@ -213,5 +280,5 @@ def normalised_slacks(biped: Biped, kind: LawKind, K: Any, A: Any, load: Any) ->
         return (1 - kappa,)
     if kind == "cop":
         K_f = K_f * (biped.weight / load)
-    r = K_f * biped.I / (biped.ell * K_d)
-    return 1 - kappa, 1 - r, r, 1 - r - kappa
+    r = K_f * (biped.I + beta) / (biped.ell * K_d)
+    return 1 - kappa, 1 - r, r, 1 - r - kappa * (1 - r * beta / (biped.I + beta))

@@ -86,6 +86,7 @@ def prove(
 ) -> Proof:
     """Prove what ``levels`` demands of ``gains`` in one scenario, over ``scale`` times the box of [uncertainty]."""
     began = time.monotonic()
+    setting.must_be_plain("a proof")
     scenario = setting.scenario(scenario_name)
     whole = _case(setting, gains, scenario_name, scale)
     demanded = levels(setting)

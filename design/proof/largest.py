@@ -54,6 +54,7 @@ def largest(
 
     Raises ``ValueError`` where the spec has no [uncertainty] that bears on the scenario, or for law cop.
     """
+    setting.must_be_plain("a proof")
     tolerances = setting.tolerances
     if tolerances.none:
         message = "there is no box: [uncertainty] is empty"

@@ -46,6 +46,9 @@ def explain(error: ValidationError, data: object, origin: str) -> BadInput:
         message = f"{got}; allowed: slope, force, platform, profile"
     elif kind == "value_error":
         message = str(context["error"])
+        inner, _, rest = message.partition(": ")
+        if inner in _siblings((*fault["loc"], "")):  # a table's validator blames one of its keys
+            key, message = f"{key}.{inner}", rest
     else:
         message = f"is {show(fault['input'])}; {_allowed(fault)}"
     return BadInput(message, file=origin, key=key or None, others=len(found) - 1)

@@ -45,11 +45,13 @@ def _body(spec: Spec) -> Iterator[str]:
         yield f"body.com_height_m = {L:g}: only {1000 * L:g} mm; if it was meant in another unit, write metres"
     if M > 300:
         yield f"body.mass_kg = {M:g}: {M:g} kg; if it was meant in g, write {M / 1000:g}; in N, write {M / 9.81:.4g}"
-    if spec.foot.half_length_m > 0.5:
-        length = spec.foot.half_length_m
-        yield f"foot.half_length_m = {length:g}: {length:g} m is a long foot; if meant in cm, write {length / 100:g}"
-    if spec.foot.half_length_m > L:
-        yield f"foot.half_length_m = {spec.foot.half_length_m:g} m is more than body.com_height_m = {L:g} m"
+    for key in ("half_length_m", "toe_m", "heel_m", "ankle_height_m"):
+        length = getattr(spec.foot, key)
+        if length is not None and length > 0.5:
+            kind = "a high ankle" if key == "ankle_height_m" else "a long foot"
+            yield f"foot.{key} = {length:g}: {length:g} m is {kind}; if meant in cm, write {length / 100:g}"
+        if length is not None and length > L:
+            yield f"foot.{key} = {length:g} m is more than body.com_height_m = {L:g} m"
     if spec.foot.mass_kg > M:
         yield f"foot.mass_kg = {spec.foot.mass_kg:g} kg is more than body.mass_kg = {M:g} kg"
     if I is not None and I < M * L**2 * (1 - 1e-12):

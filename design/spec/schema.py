@@ -35,12 +35,36 @@ class BodyTable(Table):
 
 
 class FootTable(Table):
-    """The foot: flat, symmetric, in contact at toe and heel only."""
+    """The foot: flat, in contact at toe and heel only; ``half_length_m``, or both ``toe_m`` and ``heel_m``."""
 
     mass_kg: Number = Field(ge=0, le=100, description="mass m of the foot [kg]")
-    half_length_m: Number = Field(
-        ge=1e-4, le=10, description="distance ℓ from the ankle to the toe, and to the heel [m]"
+    half_length_m: Number | None = Field(
+        default=None, ge=1e-4, le=10, description="distance ℓ from the ankle to the toe, and to the heel [m]"
     )
+    toe_m: Number | None = Field(
+        default=None, ge=1e-4, le=10, description="distance from the ankle to the toe, where it is another than [m]"
+    )
+    heel_m: Number | None = Field(
+        default=None, ge=1e-4, le=10, description="the distance from the ankle to the heel [m]"
+    )
+    ankle_height_m: Number = Field(default=0.0, ge=0, le=10, description="height of the ankle above the ground [m]")
+
+    @model_validator(mode="after")
+    def _one_length(self) -> FootTable:
+        parts = {key: getattr(self, key) for key in ("toe_m", "heel_m") if getattr(self, key) is not None}
+        if self.half_length_m is not None and parts:
+            message = f"half_length_m: is given, and so is {' and '.join(parts)}; leave one of the two out"
+            raise ValueError(message)
+        if self.half_length_m is None and len(parts) < 2:
+            missing = "half_length_m" if not parts else "heel_m" if "toe_m" in parts else "toe_m"
+            message = f"{missing}: is missing; needs half_length_m (ankle to toe and to heel), or both toe_m and heel_m"
+            raise ValueError(message)
+        return self
+
+    @property
+    def levers(self) -> tuple[float, float]:
+        """Ankle to toe and ankle to heel [m]."""
+        return self.toe_m or self.half_length_m or 0.0, self.heel_m or self.half_length_m or 0.0
 
 
 class ScenarioTable(Table):
@@ -125,12 +149,18 @@ class LawTable(Table):
     """The control law and its gains."""
 
     kind: Literal["pd", "force", "cop"] = Field(
-        description="pd: K_f = 0; force: law (8); cop: law (20) with K_F = kf (M+m) g / half_length"
+        description="pd: K_f = 0; force: law (8); cop: law (20) with K_F = kf (M+m) g / half the foot's length"
     )
     kp: Gain | None = Field(default=None, description="gain K_p on the angle [N m/rad]")
     kd: Gain | None = Field(default=None, description="gain K_d on the rate [N m s/rad]")
     kf: Gain | None = Field(default=None, description="gain K_f on the force integral [m/s]")
     desired_angle_deg: Number = Field(default=0.0, ge=-90, le=90, description="θ_d of (8) [deg]")
+    cop_target_m: Number = Field(
+        default=0.0,
+        ge=-10,
+        le=10,
+        description="P_d: where the centre of pressure is to come to rest, from the ankle, toe side > 0 [m]",
+    )
     adapt_s: Number | None = Field(
         default=None,
         ge=1e-3,
@@ -262,6 +292,13 @@ class Spec(Table):
             if name in names[:index]:
                 message = f"scenarios[{index}].name = {name!r} is taken by scenarios[{names.index(name)}]; rename one"
                 raise ValueError(message)
+        toe, heel = self.foot.levers
+        if not -heel < self.law.cop_target_m < toe:
+            message = (
+                f"law.cop_target_m = {self.law.cop_target_m:g} is not within the foot; needs more than {-heel:g} (the"
+                f" heel) and less than {toe:g} (the toe)"
+            )
+            raise ValueError(message)
         for index, scenario in enumerate(self.scenarios):
             steps = scenario.duration_s / self.simulation.time_step_s
             if steps > MAX_STEPS:

@@ -14,6 +14,8 @@ from design.model.environment import Scenario, constant_force, platform, profile
 from design.model.laws import Gains, LawKind
 from design.model.limits import Required
 from design.model.sensing import Sensors
+from design.model.stability import deciding_places
+from design.model.standing import Place
 from design.model.tuning import Tuning
 from design.model.uncertainty import Spread, Tolerances
 from design.spec.schema import (
@@ -32,10 +34,11 @@ class Setting:
     """What a spec says, ready to compute with.
 
     ``required`` maps a row's id (and ``contact-force`` for toe and heel) to its level in the row's unit. ``objective``:
-    the row that gains are sought for (``design.analysis.objectives``); ``robust``: for every body within ``tolerances``.
-    ``bounds`` (3, 2): lower and upper (K_p, K_d, K_f), or None. ``step`` is the Runge-Kutta step [s]. ``adapt``: the time [s]
-    within which theta_d follows the estimated posture, infinite where it is fixed. ``known``: the body that the law
-    reckons with, where ``biped`` is another.
+    the row that gains are sought for (``design.analysis.objectives``); ``robust``: for every body within
+    ``tolerances``. ``bounds`` (3, 2): lower and upper (K_p, K_d, K_f), or None. ``step`` is the Runge-Kutta step [s].
+    ``adapt``: the time [s] within which theta_d follows the estimated posture, infinite where it is fixed. ``known``:
+    the body that the law reckons with, where ``biped`` is another. ``target``: where the CoP is to come to rest, P_d
+    [m].
     """
 
     name: str
@@ -56,11 +59,40 @@ class Setting:
     tolerances: Tolerances
     study: StudyTable
     known: Biped | None = None
+    target: float = 0.0
     written: tuple[float | None, float | None, float | None] = (None, None, None)
 
     def loop(self) -> ClosedLoop:
         """The closed loop with the gains left open."""
-        return closed_loop(self.biped, self.law, self.theta_d, self.adapt, self.known)
+        return closed_loop(self.biped, self.law, self.theta_d, self.adapt, self.known, self.target)
+
+    def places(self, scenario: Scenario) -> list[Place]:
+        """The environments of ``scenario`` that decide the linear stability of the loop."""
+        F = scenario.operating_forces(self.biped)
+        return deciding_places(self.biped, self.law, F, self.adapt, self.target)
+
+    @property
+    def plain(self) -> bool:
+        """Whether foot and target are the paper's: toe and heel equally far, the ankle on the ground, P_d = 0."""
+        return self.biped.plain and self.target == 0.0
+
+    @property
+    def unlike(self) -> str:
+        """What of foot and target is not the paper's, in words; empty where all is."""
+        foot = self.biped
+        said = [f"toe {foot.toe:g} m and heel {foot.heel:g} m from the ankle"] if foot.skew else []
+        said += [f"an ankle {foot.height:g} m high"] if foot.height else []
+        said += [f"a CoP target of {self.target:g} m"] if self.target else []
+        return ", ".join(said)
+
+    def must_be_plain(self, what: str) -> None:
+        """Raise ``BadInput`` unless foot and target are the paper's, as ``what`` needs them."""
+        if not self.plain:
+            message = (
+                f"has {self.unlike}; {what} needs toe and heel equally far from an ankle on the ground, and"
+                " law.cop_target_m = 0; ask simulate or report"
+            )
+            raise BadInput(message, key="foot")
 
     def scenario(self, name: str) -> Scenario:
         """The scenario of that name; raises ``BadInput`` with the names there are."""
@@ -108,9 +140,10 @@ def setting(spec: Spec) -> Setting:
     inertia = body.inertia_kgm2
     if inertia is None:
         inertia = 4.0 / 3.0 * body.mass_kg * body.com_height_m**2
+    toe, heel = foot.levers
     biped = Biped(
-        M=body.mass_kg, L=body.com_height_m, I=inertia, m=foot.mass_kg, ell=foot.half_length_m,
-        g=spec.simulation.gravity_mps2,
+        M=body.mass_kg, L=body.com_height_m, I=inertia, m=foot.mass_kg, ell=0.5 * (toe + heel),
+        g=spec.simulation.gravity_mps2, skew=(toe - heel) / (toe + heel), height=foot.ankle_height_m,
     )  # fmt: skip
     bounds = spec.synthesis.bounds
     written = (spec.law.kp, spec.law.kd, spec.law.kf)
@@ -121,6 +154,7 @@ def setting(spec: Spec) -> Setting:
         law=spec.law.kind,
         theta_d=math.radians(spec.law.desired_angle_deg),
         adapt=math.inf if spec.law.adapt_s is None else spec.law.adapt_s,
+        target=spec.law.cop_target_m,
         gains=_usable(written, spec.law.kind),
         written=written,
         required=_required(spec.requirements),

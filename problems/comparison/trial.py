@@ -22,7 +22,7 @@ from design.model.actuator import Actuator
 from design.model.body import Biped
 from design.model.environment import Scenario
 from design.model.laws import Controller, Measurement
-from design.model.plant import held, reactions
+from design.model.plant import body_numbers, held, reactions
 from design.model.sensing import Sensors
 
 Array = NDArray[np.float64]
@@ -103,7 +103,7 @@ def run(world: World, controller: Controller[Any], actuator: Actuator, step: flo
     biped, scenario, sensors = world.biped, world.scenario, world.sensors
     way = course(scenario, actuator.period, step)
     plant, reaction = _plant(way.u.shape[2])
-    body = [biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g]
+    body = list(body_numbers(biped))
     plant.given["body"][:] = body
     x, held_torque, drive = plant.given["x"], plant.given["tau"], plant.given["drive"]
     after, along = (plant.found[name] for name in ("after", "contact"))

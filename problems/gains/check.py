@@ -79,7 +79,7 @@ def _doubt(question: Question, goal: Goal, gains: Gains, verdict: Verdict) -> st
     setting = question.setting
     for scenario in setting.scenarios:
         opinion = second_opinion(
-            setting.biped, setting.law, setting.theta_d, gains, scenario, setting.step, setting.adapt
+            setting.biped, setting.law, setting.theta_d, gains, scenario, setting.step, setting.adapt, setting.target
         )
         if not opinion.finished:
             return f"In scenario {scenario.name!r} the second integrator does not reach the end."

@@ -1,9 +1,12 @@
 """Rows that are not read from samples: loop margins, sampling, transients, as quadratic models about a point.
 
-Their values are those of the report (``design.analysis.further``), one for each environment or scenario of each body and
-for each crossing or peak that a margin is the worst of, so that where the worst one changes there are two smooth rows
-and no kink. A model has the value, slope and curvature
-of a row at a point, by central differences; it holds near that point, and ``problems.gains.sequential`` says how near.
+Their values are those of the report (``design.analysis.further``), one for each environment or scenario of each body
+and for each crossing or peak that a margin is the worst of, so that where the worst one changes there are two smooth
+rows and no kink. A model has the value, slope and curvature of a row at a point, by central differences; it holds near
+that point, and ``problems.gains.sequential`` says how near.
+
+Phase and delay margins are not even continuous: where |L| begins to cross 1 elsewhere, they jump. How far it is from
+that is a row of its own, a *gap*, that stays open where a crossing would cost anything.
 """
 
 from __future__ import annotations
@@ -146,14 +149,14 @@ def values(question: Question, ids: Sequence[str], K: Array, step: float) -> Pie
 def _linear(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, list[Piece]]:
     world = each.world
     found: dict[str, list[Piece]] = {}
-    where = (world.biped, world.law, gains, each.A, each.load, world.adapt)
+    where = (world.biped, world.law, gains, each.place.A, each.place.load, world.adapt, each.place.beta)
     if any(id in LOOP for id in ids):
         pieces = margin_pieces(*where)
         unit = {"phase-margin": 180 / math.pi}
         found |= {id: [Piece(w, unit.get(id, 1.0) * value) for w, value in pieces[id]] for id in ids if id in LOOP}
     if "sample-time" in ids:
         found["sample-time"] = [Piece(0.0, longest_period(*where))]
-    if "slope-rate" in ids and world.law != "pd":
+    if "slope-rate" in ids and world.law != "pd" and world.plain:
         peak = peak_gain(world.biped, world.law, gains)
         found["slope-rate"] = [Piece(0.0, math.degrees(world.biped.ell / (peak.gain + peak.error)))]
     good = {id: OBJECTIVES[id].sign * math.inf for id in found}
@@ -164,7 +167,11 @@ def _gaps(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, list
     """Near crossings of the rows that jump where |L| begins to cross 1."""
     world = each.world
     rows = [id for id in ids if id in LAGS]
-    at = breaks(world.biped, world.law, gains, each.A, each.load, world.adapt) if rows else {}
+    at = (
+        breaks(world.biped, world.law, gains, each.place.A, each.place.load, world.adapt, each.place.beta)
+        if rows
+        else {}
+    )
     found: dict[str, list[Piece]] = {}
     for id in rows:
         gaps = near_crossings(at[LAGS[id]]) if LAGS[id] in at else []
@@ -217,7 +224,7 @@ def _derivatives(value: float, found: dict[tuple[int, int], float], h: Array, fr
 
 
 def _same(pieces: list[Piece], number: int, others: list[Piece]) -> float | None:
-    """The value next to this point of the piece of that ``number``: as many pieces in the same order, or the nearest."""
+    """The value next to this point of the piece of that ``number``: the same one of as many, or the nearest."""
     if len(others) == len(pieces):
         return others[number].value
     w = pieces[number].w

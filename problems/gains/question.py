@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from design.analysis.motion import Sized
 from design.analysis.objectives import OBJECTIVES
 from design.analysis.rows import Verdict
-from design.analysis.survival import HORIZON, push_limit, slope_limit
+from design.analysis.survival import HORIZON, lopsided, push_limit, slope_limit
 from design.errors import BadInput
 from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario, slope
 from design.model.laws import Gains
 from design.model.limits import Limit, Required, limits
-from design.model.stability import characteristic, deciding_points, normalised_slacks
+from design.model.stability import characteristic, normalised_slacks, polynomial_map
+from design.model.standing import Place, standing
 from design.spec.setting import Setting
 from problems.gains.goal import FEASIBILITY, Goal, goal_of
 
@@ -30,6 +31,8 @@ Array = NDArray[np.float64]
 COARSEST = 0.01
 """Longest step of the coarse time grid [s]."""
 SURVIVALS = ("step-slope", "push")
+KNOWN = 9
+"""Environments that are looked at where the law knows another body and its two ends do not decide."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,20 +48,25 @@ class Case:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Environment:
-    """Where the poles of one body's loop are looked at: A (3) and the load at rest [N]."""
+    """Where the poles of one body's loop are looked at; ``affine`` (offset, slope) where the law knows another body."""
 
     world: Setting
-    A: float
-    load: float
+    place: Place
+    affine: tuple[Array, Array] | None = None
 
     def coefficients(self, K: Any) -> tuple[Any, ...]:
         """Of the characteristic polynomial (24)-(25), for gains ``K`` (numbers or CasADi expressions)."""
-        world = self.world
-        return characteristic(world.biped, world.law, K, self.A, self.load, world.adapt)
+        world, (A, load, beta) = self.world, self.place
+        if self.affine is None:
+            return characteristic(world.biped, world.law, K, A, load, world.adapt, beta)
+        offset, slope = self.affine
+        return tuple(
+            offset[k] + sum(float(slope[k, j]) * K[j] for j in range(3) if slope[k, j]) for k in range(len(offset))
+        )
 
     def slacks(self, K: Any) -> tuple[Any, ...]:
         """(27)-(29) without units."""
-        return normalised_slacks(self.world.biped, self.world.law, K, self.A, self.load)
+        return normalised_slacks(self.world.biped, self.world.law, K, *self.place)
 
 
 class Question:
@@ -75,7 +83,7 @@ class Question:
         self._loops = [world.loop() for world in self.worlds]
         self.limits: list[Limit] = limits(self._loops[0].plant, setting.required)
         self.environments: list[Environment] = [
-            Environment(world=world, A=A, load=load) for world in self.worlds for A, load in _environments(world)
+            each for world, loop in zip(self.worlds, self._loops, strict=True) for each in _environments(world, loop)
         ]
 
     def level(self, id: str) -> float | None:
@@ -106,7 +114,7 @@ class Question:
         usual = OBJECTIVES[id].usual if id in OBJECTIVES else None
         if usual is not None:
             return usual
-        return {
+        sizes: dict[str, float] = {
             "decay-rate": self.pace,
             "contact-force": biped.weight,
             "cop-margin": biped.ell,
@@ -115,12 +123,13 @@ class Question:
             "step-slope": float(np.degrees(slope_limit(biped))),
             "push": push_limit(biped),
             **dict(zip(("kp", "kd", "kf"), self.scale.tolist(), strict=True)),
-        }[id]
+        }
+        return sizes[id]
 
     def size_of(self, id: str) -> float:
         """What a requirement's shortfall is measured in: its level, or a typical size where that is 0."""
         wish = self.setting.required.get(id)
-        return abs(wish.level) if wish is not None and wish.level else self.scale_of(id)
+        return abs(float(wish.level)) if wish is not None and wish.level else self.scale_of(id)
 
     def goal(self, id: str) -> Goal:
         """The goal of that row; raises ``BadInput`` if there is nothing to make of it."""
@@ -142,7 +151,7 @@ class Question:
             bare = self._limits(loop, {})
             watched = slope(world.biped, name="", angle=0.1, ramp=0.0, duration=HORIZON)
             for kind in SURVIVALS:
-                for side in (1.0, -1.0) if world.theta_d else (1.0,):
+                for side in (1.0, -1.0) if lopsided(loop) else (1.0,):
                     sized = self._sized(kind, goal, side)
                     if sized is not None:
                         found.append(Case(name=kind, loop=loop, limits=bare, scenario=watched, sized=sized))
@@ -165,7 +174,7 @@ class Question:
         return Sized(kind=kind, base=float(unit * base), rate=float(unit * rate))  # type: ignore[arg-type]
 
     def _goes_on(self, kind: str, wish: float | None) -> bool:
-        """Whether the search for a feasible point precedes one with this disturbance in it: both have the same cases."""
+        """Whether what follows the search for a feasible point has this disturbance in it: both have the same cases."""
         return self.setting.objective == kind or (self.setting.objective == "goals" and wish is not None)
 
     def score(self, goal: Goal, gains: Gains, verdict: Verdict) -> float:
@@ -205,16 +214,23 @@ def _bounds(setting: Setting) -> tuple[Array, Array]:
     return bounds[:, 0], bounds[:, 1]
 
 
-def _environments(world: Setting) -> list[tuple[float, float]]:
-    A, load = (
-        np.concatenate(part)
-        for part in zip(*(scenario.operating_points(world.biped) for scenario in world.scenarios), strict=True)
-    )
-    found: list[tuple[float, float]] = []
-    for a, n in zip(*deciding_points(world.law, A, load, world.adapt), strict=True):
-        if not any(abs(a - b) + abs(n - m) <= 1e-11 * (abs(b) + abs(m)) for b, m in found):  # the same but for rounding
-            found.append((float(a), float(n)))
-    return found
+def _environments(world: Setting, loop: ClosedLoop) -> list[Environment]:
+    known = world.known is not None and world.known != world.biped
+    if known and (world.law == "cop" or np.isfinite(world.adapt) or not world.plain):
+        forces = np.unique(
+            np.concatenate([scenario.operating_forces(world.biped) for scenario in world.scenarios], axis=1), axis=1
+        )
+        some = sorted({int(k) for k in np.linspace(0, forces.shape[1] - 1, KNOWN)})
+        return [
+            Environment(world=world, place=place, affine=polynomial_map(loop, *map(float, forces[:, k])))
+            for k in some
+            for place in standing(world.biped, forces[:, [k]], world.target).places
+        ]
+    found: list[Place] = []
+    for place in (place for scenario in world.scenarios for place in world.places(scenario)):
+        if not any(np.allclose(place, other, rtol=1e-11, atol=0.0) for other in found):  # the same but for rounding
+            found.append(place)
+    return [Environment(world=world, place=place) for place in found]
 
 
 def question_decay(question: Question, K: Array) -> float:

@@ -408,6 +408,8 @@ def test_what_is_no_plain_finite_number_is_refused_at_its_key(source, got):
         (("body", "inertia_kgm2"), (0, -7.0, 1e10), "needs >= 1e-06 and <= 1e+09 [kg m²]"),
         (("foot", "mass_kg"), (-0.1, 101), "needs >= 0 and <= 100 [kg]"),
         (("foot", "half_length_m"), (0, -0.1, 11), "needs >= 0.0001 and <= 10 [m]"),
+        (("foot", "ankle_height_m"), (-0.1, 11), "needs >= 0 and <= 10 [m]"),
+        (("law", "cop_target_m"), (-11, 11), "needs >= -10 and <= 10 [m]"),
         (("scenarios", 0, "duration_s"), (0, -10, 3601), "needs >= 0.001 and <= 3600 [s]"),
         (("scenarios", 0, "ramp_s"), (-5, 3601), "needs >= 0 and <= 3600 [s]"),
         (("scenarios", 0, "angle_deg"), (181, -181), "needs >= -180 and <= 180 [deg]"),

@@ -61,7 +61,7 @@ def poise(monkeypatch, capsys):
 
 def test_the_names_are_those_of_the_files():
     assert builtin_names() == NAMES
-    assert {"slope", "slope-step", "wind", "train", "adult-slope"} <= set(NAMES)
+    assert {"slope", "slope-step", "wind", "train", "adult-slope", "adult-foot"} <= set(NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -201,7 +201,7 @@ def test_a_built_in_body_is_remarked_on_exactly_if_its_inertia_is_below_M_L2(nam
 
 
 def test_the_papers_body_cannot_exist_and_the_adult_can():
-    assert [name for name in NAMES if not load(name).remarks] == ["adult-slope"]
+    assert [name for name in NAMES if not load(name).remarks] == ["adult-foot", "adult-slope"]
     assert "at least M L² = 28.125 kg m²" in load("slope").remarks[0]
 
 
@@ -252,6 +252,7 @@ SLIPS = {
         ("687 kg", "N", "70.03"),
     ),
     "foot in cm": ({"foot__half_length_m": 9.0}, "foot.half_length_m", ("9 m", "cm", "0.09")),
+    "ankle in cm": ({"foot__ankle_height_m": 8.0}, "foot.ankle_height_m", ("8 m", "cm", "0.08")),
     "slope in rad": ({"scenario__angle_deg": 0.1}, "scenarios[0].angle_deg", ("0.1°", "radians", "5.73")),
     "slope in rad, uphill": ({"scenario__angle_deg": -0.5236}, "scenarios[0].angle_deg", ("radians", "-30")),
     "step in ms": ({"simulation__time_step_s": 0.5}, "simulation.time_step_s", ("500 ms", "0.0005")),
@@ -340,7 +341,7 @@ def test_strict_accepts_a_body_that_can_exist(poise):
 
 
 def test_a_name_that_is_no_built_in_is_refused_with_those_there_are():
-    with pytest.raises(BadInput, match=r"did you mean 'slope'\?; there are: adult-slope, slope"):
+    with pytest.raises(BadInput, match=r"did you mean 'slope'\?; there are: adult-foot, adult-slope, slope"):
         builtin_text("slop")
 
 

@@ -141,7 +141,7 @@ def followed(biped: Biped, adapt: float, aim: Any, theta: Any, gathering: Any) -
 
 
 def torque_of(kind: LawKind, biped: Biped, theta_d: Any, theta: Any, omega: Any, s: Any, K: Any) -> Any:
-    """tau [N m] (8), (20), of the body that the law knows: numbers, arrays or CasADi expressions."""
+    """Tau [N m] (8), (20), of the body that the law knows: numbers, arrays or CasADi expressions."""
     posture = -K[1] * omega + K[0] * (theta_d - theta)
     if kind == "pd":
         return posture
@@ -151,7 +151,7 @@ def torque_of(kind: LawKind, biped: Biped, theta_d: Any, theta: Any, omega: Any,
 
 
 def gathered(kind: LawKind, biped: Biped, F_T: Any, F_H: Any, target: float) -> Any:
-    """s' (9), (20)."""
+    """S' (9), (20)."""
     if kind == "pd":
         return 0.0 * F_T
     lean = biped.skew - target / biped.ell

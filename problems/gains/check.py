@@ -30,12 +30,19 @@ At a triple pole the gains' last digits cost so much; the largest disturbance is
 def checked(question: Question, goal: Goal, winner: Local, tried: int, reached: int, optima: int) -> Answer:
     """The answer that ``winner`` deserves: solved if everything agrees, undecided with what does not otherwise."""
     gains, verdict, value = _snapped(question, goal, winner.point.gains)
+    others, broken_beside = _beside(question, goal, gains)
+    if broken_beside and gains != winner.point.gains:
+        gains = winner.point.gains
+        verdict = _judged(question, goal, gains)
+        value = question.score(goal, gains, verdict)
+        others, broken_beside = _beside(question, goal, gains)
+    value = min(value, others) if goal.sign > 0 else max(value, others)
     claim = goal.value(winner.point.v)
     synthesis = Synthesis(
         gains=gains, objective=goal.id, value=value, active=_active(question, goal, gains, verdict, value),
         verdict=verdict, starts=tried, reached=reached, optima=optima,
     )  # fmt: skip
-    doubt = _doubt(question, goal, gains, verdict)
+    doubt = _doubt(question, goal, gains, verdict) or broken_beside
     slack = SLACK.get(goal.id, 1e-5)
     if goal.v(value) < winner.point.v - slack * (abs(winner.point.v) + 1e-3):
         doubt = doubt or f"{goal.id}: the program claims {claim:.8g}, the report gives {value:.8g} {goal.unit}."
@@ -55,6 +62,20 @@ def checked(question: Question, goal: Goal, winner: Local, tried: int, reached: 
 
 def _judged(question: Question, goal: Goal, gains: Gains) -> Verdict:
     return judge(question.setting, gains, also=(goal.id,))
+
+
+def _beside(question: Question, goal: Goal, gains: Gains) -> tuple[float, str]:
+    """The worst value of the objective over the other bodies, and what one of them breaks, or an empty string."""
+    worst, broken = goal.sign * np.inf, ""
+    for world in question.worlds[1:]:
+        verdict = judge(world, gains, also=(goal.id,))
+        value = question.score(goal, gains, verdict)
+        worst = min(worst, value) if goal.sign > 0 else max(worst, value)
+        for row in verdict.rows:
+            if row.counts and row.status != "met" and not broken:
+                place = f" in scenario {row.scenario!r}" if row.scenario else ""
+                broken = f"{row.id}{place} is {row.status} by {row.margin} {row.unit} for another body of the box."
+    return float(worst), broken
 
 
 def _snapped(question: Question, goal: Goal, gains: Gains) -> tuple[Gains, Verdict, float]:

@@ -82,9 +82,7 @@ class Question:
         """A typical frequency of the loop [1/s], the scale of decay rates."""
         self._loops = [world.loop() for world in self.worlds]
         self.limits: list[Limit] = limits(self._loops[0].plant, setting.required)
-        self.environments: list[Environment] = [
-            each for world, loop in zip(self.worlds, self._loops, strict=True) for each in _environments(world, loop)
-        ]
+        self.environments: list[Environment] = [each for world in self.worlds for each in environments(world)]
 
     def level(self, id: str) -> float | None:
         """The hard level of a row in its unit; None where nothing hard is asked."""
@@ -214,7 +212,8 @@ def _bounds(setting: Setting) -> tuple[Array, Array]:
     return bounds[:, 0], bounds[:, 1]
 
 
-def _environments(world: Setting, loop: ClosedLoop) -> list[Environment]:
+def environments(world: Setting) -> list[Environment]:
+    """The environments that decide the linear stability of one body over its scenarios."""
     known = world.known is not None and world.known != world.biped
     if known and (world.law == "cop" or np.isfinite(world.adapt) or not world.plain):
         forces = np.unique(
@@ -222,7 +221,7 @@ def _environments(world: Setting, loop: ClosedLoop) -> list[Environment]:
         )
         some = sorted({int(k) for k in np.linspace(0, forces.shape[1] - 1, KNOWN)})
         return [
-            Environment(world=world, place=place, affine=polynomial_map(loop, *map(float, forces[:, k])))
+            Environment(world=world, place=place, affine=polynomial_map(world.loop(), *map(float, forces[:, k])))
             for k in some
             for place in standing(world.biped, forces[:, [k]], world.target).places
         ]

@@ -24,7 +24,7 @@ from problems.gains.goal import Goal
 from problems.gains.grid import Grid, Instants, Point
 from problems.gains.question import Question
 from problems.gains.sequential import optimise
-from problems.gains.starts import CANDIDATES, MISSED, from_start, survey
+from problems.gains.starts import CANDIDATES, UNKNOWN, from_start, survey
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -42,12 +42,12 @@ def solve(
     seconds: float = 600.0,
     say: Say = lambda _: None,
     beside: Sequence[Setting] = (),
-    near: Gains | None = None,
+    near: Point | None = None,
 ) -> Answer:
     """Synthesize gains for ``setting``, and for the other bodies and worlds ``beside`` it with the same requirements.
 
-    ``near``: gains close to which the optimum is thought to be; the survey and other starts are then left out. ``say``
-    is told of the progress. Raises ``BadInput`` if there are no bounds.
+    ``near``: a point that meets what is required, and close to which the optimum is thought to be; the survey and
+    other starts are then left out. ``say`` is told of the progress. Raises ``BadInput`` if there are no bounds.
     """
     question = Question(setting, beside)
     goal = question.goal(setting.objective)
@@ -65,8 +65,8 @@ def solve(
         chosen = best_apart(points, merit, most, question.lower, question.upper)
         merits = {tuple(K): m for K, m in zip(points, merit, strict=True)}
     else:
-        chosen = np.clip(np.array([near]), question.lower, question.upper)
-        merits, count = {tuple(chosen[0]): MISSED}, 1
+        chosen = np.clip(np.array([near.gains]), question.lower, question.upper)
+        merits, count = {tuple(chosen[0]): max(near.v, UNKNOWN)}, 1
     optima: list[Local] = []
     misses: list[Local] = []
     instants = coarse.thinned()

@@ -85,8 +85,9 @@ def course(scenario: Scenario, period: float, step: float) -> Course:
     used = np.bincount(of, minlength=count)
     u = np.zeros((count, 7, int(used.max())))
     u[of, :, np.arange(len(of)) - np.searchsorted(of, of)] = steps
-    for k in np.flatnonzero(used < used.max()):  # filled up with steps of no length
-        u[k, 1:, used[k] :] = np.tile(u[k, 5:7, used[k] - 1], 3)[:, None]
+    last = np.tile(u[np.arange(count), 5:7, used - 1], 3)
+    for j in range(int(used.min()), int(used.max())):  # filled up with steps of no length
+        u[used <= j, 1:, j] = last[used <= j]
     force = scenario.force_at(t)
     ahead = np.column_stack([force[:, 1:], force[:, -1:]]).T
     drive = np.column_stack([u.transpose(0, 2, 1).reshape(count, -1), ahead])

@@ -76,7 +76,7 @@ def solve(
             return Answer(outcome=Outcome(status=Status.TIME_LIMIT, detail=f"{tried} starts were tried."), starts=tried)
         K = chosen[tried]
         tried += 1
-        found, optimal = from_start(coarse, K, merits[tuple(K)], instants, deadline)
+        found, optimal = from_start(coarse, K, merits[tuple(K)], instants, deadline, stay=near is not None)
         instants = union(instants, found.instants)
         if optimal:
             optima.append(found)

@@ -28,18 +28,25 @@ PRICE = 10.0
 """How much of v a violation of one scale costs."""
 SETTLED = 1e-7
 """Gain in v that is not worth another step."""
+WALK = 0.05
+"""Half-width of the box that a walk begins with, in the scale of the gains."""
 SMALLEST = 1e-7
 """Radius of the trust region at which models cannot get better."""
 
 
-def optimise(grid: Grid, start: Point, instants: Instants, deadline: float, *, near: bool = False) -> Local:
+def optimise(
+    grid: Grid, start: Point, instants: Instants, deadline: float, *, near: bool = False, stay: bool = False
+) -> Local:
     """A local optimum of the grid's goal from ``start``, which meets what is required of the modelled rows or nearly.
 
-    Without modelled rows this is ``exchange``.
+    Without modelled rows this is ``exchange``; with ``stay`` in steps, so that the optimum is that of the start's own
+    valley.
     """
     ids = wanted(grid.question, grid.goal)
     if not ids:
-        return exchange(grid, start, instants, deadline, near=near)
+        return (
+            exchange(grid, start, instants, deadline, near=near) if not stay else _walk(grid, start, instants, deadline)
+        )
     question = grid.question
     here = np.array(start.gains) / question.scale
     models = modelled(question, ids, here, grid.step)
@@ -79,6 +86,21 @@ def optimise(grid: Grid, start: Point, instants: Instants, deadline: float, *, n
             radius = 0.3 * min(radius, float(np.abs(there - here).max()) or radius)
         kept = [model for model in kept if _fair(model, models, here)][-KEPT:]
     return Local(point=best, instants=instants, converged=False, said=said)
+
+
+def _walk(grid: Grid, start: Point, instants: Instants, deadline: float) -> Local:
+    """Exchange within a box about the best point so far, until its optimum is inside."""
+    radius, near = WALK, False
+    for _ in range(STEPS):
+        here = np.array(start.gains) / grid.question.scale
+        found = exchange(grid, start, instants, deadline, near=near, reach=(here, radius))
+        if not found.converged:
+            return exchange(grid, start, instants, deadline) if not near else found
+        moved = float(np.abs(np.array(found.point.gains) / grid.question.scale - here).max())
+        if moved < 0.99 * radius:
+            return found
+        start, instants, radius, near = found.point, found.instants, 2 * radius, True
+    return found
 
 
 def _truth(grid: Grid, models: list[Model], u: Array, v: float = np.inf) -> tuple[float, float]:

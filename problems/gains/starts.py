@@ -111,17 +111,21 @@ def _lowest(grid: Grid, K: ca.MX) -> ca.MX:
     return ca.vertcat(ca.mmin(ca.vertcat(*required)), ca.mmin(ca.vertcat(*objective)))
 
 
-def from_start(grid: Grid, K: Array, merit: float, instants: Instants, deadline: float) -> tuple[Local, bool]:
+def from_start(
+    grid: Grid, K: Array, merit: float, instants: Instants, deadline: float, *, stay: bool = False
+) -> tuple[Local, bool]:
     """What is reached from ``K``, and whether that is an optimum of the goal: else it is the nearest miss, or nothing.
 
-    A start that is not feasible goes through feasibility first.
+    A start that is not feasible goes through feasibility first. ``stay``: see ``optimise``.
     """
     low, _ = objective_range(grid.question, grid.goal)
     feasible = merit > MISSED
     point = Point(gains=Gains(*map(float, K)), v=max(merit, low, UNKNOWN) if feasible else max(low, -1.0))
     margins = grid.margins(replace(point, v=max(point.v, 0.0)))
     if margins is not None:
-        instants = pruned(margins, lowest_below(FAR, margins, instants, most=3, reach=0))
+        instants = pruned(margins, lowest_below(FAR, margins, instants, most=3, reach=1 if stay else 0))
+        if stay and not any(instants):  # without any sample the objective has no bound
+            instants = lowest_below(np.inf, margins, instants, most=1, reach=1)
     if not feasible or not meets(grid, point):
         near = replace(point, v=0.0 if feasible else max(merit - MISSED, -2.0))
         nearest = optimise(grid.feasibility, near, instants, deadline)
@@ -129,5 +133,5 @@ def from_start(grid: Grid, K: Array, merit: float, instants: Instants, deadline:
             return nearest, False
         instants = union(instants, nearest.instants)
         point = Point(gains=nearest.point.gains, v=max(low, -1.0))
-    found = optimise(grid, point, instants, deadline)
+    found = optimise(grid, point, instants, deadline, stay=stay)
     return found, found.converged

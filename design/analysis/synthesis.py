@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from design.analysis.rows import Row, Verdict
 from design.model.laws import Gains
@@ -19,6 +20,22 @@ class Active:
     time_s: float | None
     value: float
     required: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Price:
+    """What one per cent more of a requirement's level, of a gain's bound or of the tolerances does to the objective.
+
+    ``change``: by the multipliers of the program, in the objective's unit; None where they say nothing. ``solved``: by
+    seeking gains again, where that was asked for.
+    """
+
+    id: str
+    kind: Literal["requirement", "lower bound", "upper bound", "tolerances"]
+    given: float
+    unit: str
+    change: float | None
+    solved: float | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,6 +80,7 @@ class Synthesis:
     starts: int
     reached: int
     optima: int
+    prices: tuple[Price, ...] = ()
     box: Box | None = None
 
 

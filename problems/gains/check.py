@@ -16,6 +16,8 @@ from design.model.laws import Gains
 from design.solvers.outcome import Outcome, Status
 from problems.gains.exchange import Local
 from problems.gains.goal import GAINS, Goal
+from problems.gains.grid import Grid
+from problems.gains.prices import prices
 from problems.gains.question import Question, question_decay
 
 Array = NDArray[np.float64]
@@ -27,8 +29,9 @@ At a triple pole the gains' last digits cost so much; the largest disturbance is
 """
 
 
-def checked(question: Question, goal: Goal, winner: Local, tried: int, reached: int, optima: int) -> Answer:
+def checked(grid: Grid, winner: Local, tried: int, reached: int, optima: int) -> Answer:
     """The answer that ``winner`` deserves: solved if everything agrees, undecided with what does not otherwise."""
+    question, goal = grid.question, grid.goal
     gains, verdict, value = _snapped(question, goal, winner.point.gains)
     others, broken_beside = _beside(question, goal, gains)
     if broken_beside and gains != winner.point.gains:
@@ -40,7 +43,7 @@ def checked(question: Question, goal: Goal, winner: Local, tried: int, reached: 
     claim = goal.value(winner.point.v)
     synthesis = Synthesis(
         gains=gains, objective=goal.id, value=value, active=_active(question, goal, gains, verdict, value),
-        verdict=verdict, starts=tried, reached=reached, optima=optima,
+        verdict=verdict, starts=tried, reached=reached, optima=optima, prices=prices(grid, winner),
     )  # fmt: skip
     doubt = _doubt(question, goal, gains, verdict) or broken_beside
     slack = SLACK.get(goal.id, 1e-5)

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from design.solvers.nlp import Ipopt
+from design.solvers.nlp import Ipopt, NlpAnswer
 from problems.gains.grid import Grid, Instants, Point
 from problems.gains.modelled import Model
 from problems.gains.program import pose
@@ -29,16 +29,32 @@ FAR = 0.04
 NEAR = 0.01
 """Margin of a sample, in its scale, up to which the next program begins with it."""
 ROUNDS = 25
+UNBOUNDED = 1e3
+"""Value of v, in its scale, that no row allows."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Local:
-    """A local optimum on a grid: the point, the samples that the program needed, and whether it converged."""
+    """A local optimum on a grid: the point, the samples that the program needed, and whether it converged.
+
+    ``solved`` is the last program's answer, and what it was posed with.
+    """
 
     point: Point
     instants: Instants
     converged: bool
     said: str
+    solved: Solved | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Solved:
+    """A program's ``answer``, and the samples, shift and models that it was posed with."""
+
+    answer: NlpAnswer
+    instants: Instants
+    shift: Array | None
+    models: tuple[Model, ...]
 
 
 def exchange(
@@ -56,6 +72,8 @@ def exchange(
     ``models`` and ``reach`` as in ``pose``.
     """
     said = "round limit"
+    if not any(instants):
+        instants = _lowest(grid, start, instants)
     tolerance, iterations = (COARSE_TOLERANCE, 120) if grid.exact else (1e-9, 300)
     shift = None if grid.exact else _first_shift(grid, start, instants)
     for round_ in range(ROUNDS):
@@ -66,13 +84,19 @@ def exchange(
         if near and not answer.solved:
             answer = solver.solve(read.start(start))
         point, said = read.point(answer.x), answer.said
+        if point.v > UNBOUNDED and round_ == 0:  # no sample that it sees bounds the objective
+            instants = _lowest(grid, start, instants)
+            shift = None if grid.exact else _first_shift(grid, start, instants)
+            continue
         margins = grid.margins(point)
         if margins is None or not answer.solved:
             return Local(point=point, instants=instants, converged=False, said=said)
         added = lowest_below(-VIOLATED - 10 * tolerance, margins, instants, reach=2 if grid.exact else 5)
         settled = grid.exact or _mismatch(margins, instants, answer.g) <= 10 * tolerance
         if added == instants and settled:
-            return Local(point=point, instants=pruned(margins, instants, NEAR), converged=True, said=said)
+            solved = Solved(answer=answer, instants=instants, shift=shift, models=tuple(models))
+            near_ones = pruned(margins, instants, NEAR)
+            return Local(point=point, instants=near_ones, converged=True, said=said, solved=solved)
         if time.monotonic() > deadline:
             said = "time limit"
             break
@@ -81,6 +105,14 @@ def exchange(
         near = min(float(rows.min()) for rows in margins) > -NEAR
         instants, start = following, point
     return Local(point=start, instants=instants, converged=False, said=said)
+
+
+def _lowest(grid: Grid, start: Point, instants: Instants) -> Instants:
+    """``instants`` and the lowest samples of every row at the start."""
+    margins = grid.margins(start)
+    return (
+        union(instants, grid.thinned()) if margins is None else lowest_below(np.inf, margins, instants, most=1, reach=1)
+    )
 
 
 def _first_shift(grid: Grid, start: Point, instants: Instants) -> Array | None:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from design.analysis.objectives import OBJECTIVES, Objective
 
 GAINS = ("kp", "kd", "kf")
+GAIN_UNITS = ("N m/rad", "N m s/rad", "m/s")
+MORE = "+"
+"""Ends the id of a gain that is to be large: what its lower bound would have to be."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +33,9 @@ class Goal:
 
     @property
     def gain(self) -> int | None:
-        """Which gain is made small, if that is the objective."""
-        return GAINS.index(self.id) if self.id in GAINS else None
+        """Which gain is made small, or large, if that is the objective."""
+        name = self.id.rstrip(MORE)
+        return GAINS.index(name) if name in GAINS else None
 
     def value(self, v: float) -> float:
         """The objective in its unit."""
@@ -46,8 +50,10 @@ FEASIBILITY = Goal(id="feasibility", unit="1", sign=1.0, scale=1.0)
 
 
 def goal_of(id: str, scale: float) -> Goal:
-    """The goal of a row, or of making a gain small."""
-    if id in GAINS:
-        return Goal(id=id, unit="", sign=-1.0, scale=scale)
+    """The goal of a row, or of making a gain small or large."""
+    if id.rstrip(MORE) in GAINS:
+        return Goal(
+            id=id, unit=GAIN_UNITS[GAINS.index(id.rstrip(MORE))], sign=1.0 if id.endswith(MORE) else -1.0, scale=scale
+        )
     row: Objective = OBJECTIVES[id]
     return Goal(id=id, unit=row.unit, sign=row.sign, scale=scale)

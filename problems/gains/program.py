@@ -112,7 +112,7 @@ def pose(
     sampled = sum(row.numel() for row in rows)
     rows += [row - of * v for each in models for row, of in margins(question, goal, each.id, each(u), gap=each.gap)]
     if goal.gain is not None:
-        rows.append(-u[goal.gain] * question.scale[goal.gain] / goal.scale - v)
+        rows.append(goal.sign * u[goal.gain] * question.scale[goal.gain] / goal.scale - v)
 
     factors = []
     for each, sigma in pole_sets(question, goal, v):

@@ -24,7 +24,7 @@ from design.model.limits import Limit, Required, limits
 from design.model.stability import characteristic, normalised_slacks, polynomial_map
 from design.model.standing import Place, standing
 from design.spec.setting import Setting
-from problems.gains.goal import FEASIBILITY, Goal, goal_of
+from problems.gains.goal import FEASIBILITY, MORE, Goal, goal_of
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,7 @@ class Question:
             "push": push_limit(biped),
             **dict(zip(("kp", "kd", "kf"), self.scale.tolist(), strict=True)),
         }
-        return sizes[id]
+        return sizes[id.rstrip(MORE)]
 
     def size_of(self, id: str) -> float:
         """What a requirement's shortfall is measured in: its level, or a typical size where that is 0."""

@@ -123,7 +123,7 @@ def _finish(question: Question, coarse: Grid, optima: list[Local], tried: int, d
         return Answer(outcome=Outcome(status=status, detail=f"IPOPT: {polished[0].said}."), starts=tried)
     winner = max(done, key=lambda found: found.point.v)
     say("checking")
-    return checked(question, goal, winner, tried, _reached(optima), len(distinct))
+    return checked(fine, winner, tried, _reached(optima), len(distinct))
 
 
 def refined(fine: Grid, point: Point, deadline: float) -> Local:

@@ -52,7 +52,7 @@ def survey(grid: Grid) -> tuple[Array, Array]:
     elif goal.id == "routh-margin":
         objective = np.array([min(min(each.slacks(k)) for each in question.environments) for k in points[stable]])
     elif goal.gain is not None:
-        objective = -points[stable, goal.gain] / goal.scale
+        objective = goal.sign * points[stable, goal.gain] / goal.scale
     elif goal.id == "goals" and (wish := question.wish("decay-rate")) is not None:
         objective = np.minimum(objective, (decay[stable] - wish) / question.size_of("decay-rate"))
     missing = np.minimum(rows, (decay[stable] - question.decay) / question.pace)
@@ -124,8 +124,6 @@ def from_start(
     margins = grid.margins(replace(point, v=max(point.v, 0.0)))
     if margins is not None:
         instants = pruned(margins, lowest_below(FAR, margins, instants, most=3, reach=1 if stay else 0))
-        if stay and not any(instants):  # without any sample the objective has no bound
-            instants = lowest_below(np.inf, margins, instants, most=1, reach=1)
     if not feasible or not meets(grid, point):
         near = replace(point, v=0.0 if feasible else max(merit - MISSED, -2.0))
         nearest = optimise(grid.feasibility, near, instants, deadline)

@@ -136,21 +136,23 @@ def synthesize(
     minimise: Annotated[str | None, typer.Option(metavar="ROW", help="Make it small; goals: the soft ones.")] = None,
     law: LawOption = None,
     starts: Annotated[int | None, typer.Option("--starts", min=1, max=1000, help="Number of starts.")] = None,
+    nominal: Annotated[bool, typer.Option("--nominal", help="For the nominal body, not all of [uncertainty].")] = False,
+    sensitivities: Annotated[bool, typer.Option("--sensitivities", help="Solve what one per cent more buys.")] = False,
+    why_not: Annotated[bool, typer.Option(help="If there are none: what excludes what, and what would do.")] = True,
     time_limit: TimeLimit = 600.0,
     format: Form = "text",
     output: Output = None,
     strict: Strict = False,
 ) -> None:
-    """Find the gains with the largest margin that meet every requirement in every scenario.
+    """Find the gains with the largest margin that meet every requirement in every scenario, for every body.
 
-    With -o FILE the design is written as JSON, for `poise report FILE`.
+    ROW is any row of the report. With -o FILE the design is written as JSON, for `poise report FILE`.
     """
     from design.present import terminal
     from problems import commands
 
-    printed, word = commands.synthesize(
-        spec, (maximise, minimise), law, starts, time_limit, format, output, strict=strict
-    )
+    search = commands.Search(maximise, minimise, starts, nominal, False, sensitivities, why_not, time_limit)
+    printed, word = commands.synthesize(spec, law, search, format, output, strict=strict)
     terminal.deliver(printed, None)
     raise typer.Exit({"solved": MET, "infeasible": VIOLATED}.get(word, UNDECIDED))
 

@@ -5,38 +5,67 @@ Each imports its own question: that of a study takes half a second.
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 from design.analysis.objectives import OBJECTIVES
+from design.analysis.synthesis import Answer
 from design.errors import BadInput
 from design.model.laws import LawKind
 from design.present import opening, store, synthesis, terminal
+from design.solvers.outcome import Status
 from design.spec.setting import Setting
 
 
+class Search(NamedTuple):
+    """How `poise synthesize` is to search: what the command line says beside the spec."""
+
+    maximise: str | None = None
+    minimise: str | None = None
+    starts: int | None = None
+    nominal: bool = False
+    bracket: bool = False
+    sensitivities: bool = False
+    why_not: bool = True
+    time_limit: float = 600.0
+
+
 def synthesize(
-    spec: str,
-    wish: tuple[str | None, str | None],
-    law: LawKind | None,
-    starts: int | None,
-    time_limit: float,
-    form: str,
-    output: str | None,
-    *,
-    strict: bool,
+    spec: str, law: LawKind | None, search: Search, form: str, output: str | None, *, strict: bool
 ) -> tuple[str, str]:
     """What to print of the gains that are found, and the word of the status; the design is written to ``output``."""
-    from problems import gains
-
     source, problem = opening.opened(spec, law, strict=strict)
-    problem = with_objective(problem, *wish)
+    problem = with_objective(problem, search.maximise, search.minimise)
+    if search.nominal:
+        problem = replace(problem, robust=False)
     with terminal.progress() as say:
-        answer = gains.solve(problem, starts=starts, seconds=time_limit, say=say)
+        answer = _sought(problem, search, say)
     stored = store.dumps(synthesis.document(source, problem, answer))
     if output:
         store.write(output, stored)
     printed = stored if form == "json" else synthesis.text(source, problem, answer, terminal.painter_for_output())
     return printed, answer.outcome.status.word
+
+
+def _sought(problem: Setting, search: Search, say: Callable[[str], None]) -> Answer:
+    """The gains, and what else was asked of them; why not, where there are none."""
+    from problems import robust
+
+    began = time.monotonic()
+    answer = robust.solve(problem, starts=search.starts, seconds=search.time_limit, say=say)
+    left = search.time_limit - (time.monotonic() - began)
+    if answer.outcome.found is not None and search.sensitivities:
+        from problems import sensitivity
+
+        answer = sensitivity.checked(problem, answer, seconds=left, say=say)
+    if search.why_not and answer.outcome.status in (Status.NOT_FOUND, Status.INFEASIBLE) and problem.bounds is not None:
+        from problems import whynot
+
+        beside = [robust.world(problem, point.shares, point.scenario) for point in answer.points]
+        answer = replace(answer, why=whynot.solve(problem, beside=beside, seconds=left, say=say))
+    return answer
 
 
 def with_objective(problem: Setting, maximise: str | None, minimise: str | None) -> Setting:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from design.analysis.objectives import OBJECTIVES
 from design.analysis.rows import Row, Verdict
 from design.model.laws import Gains
 from design.solvers.outcome import Outcome
@@ -40,10 +41,14 @@ class Price:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoxPoint:
-    """A body and world of the box that a design was sought for: where ``row`` is worst, and its uncertain numbers."""
+    """A body and world of the box that a design was sought for: where ``row`` is worst, and its uncertain numbers.
+
+    ``shares`` (7): of the half-widths.
+    """
 
     row: str
     scenario: str | None
+    shares: tuple[float, ...]
     at: Mapping[str, float]
 
 
@@ -84,14 +89,51 @@ class Synthesis:
     box: Box | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Relaxation:
+    """What would make the rest feasible: ``enough`` instead of ``given``, in ``unit``.
+
+    ``id`` is a requirement, or a gain whose upper or lower bound is meant (``bound``).
+    """
+
+    id: str
+    bound: str
+    given: float
+    enough: float
+    unit: str
+
+    def __str__(self) -> str:
+        if self.bound:
+            verb = "up to" if self.bound == "upper" else "down to"
+            return f"{self.id} {verb} {self.enough:g} {self.unit} (now {self.given:g})"
+        sign = ">=" if OBJECTIVES[self.id].sense == "at least" else "<="
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.id} {sign} {self.enough:g}{unit} (now {self.given:g})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class WhyNot:
+    """``conflict``: requirements of which no two parts can be met at once; empty where none was asked beyond contact.
+
+    ``minimal`` is False where time ran out. ``relaxations``: each alone is enough.
+    """
+
+    conflict: tuple[str, ...]
+    minimal: bool
+    relaxations: tuple[Relaxation, ...]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Answer:
-    """The outcome, and what was found on the way.
+    """The outcome, and what was found on the way; ``why`` not, where it was asked.
 
     ``missed``: rows at the nearest miss, where nothing was solved. ``given``: the objective at the spec's own gains.
+    ``points`` of the box of [uncertainty] that were asked for too.
     """
 
     outcome: Outcome[Synthesis]
     missed: tuple[Row, ...] = ()
     starts: int = 0
     given: float | None = None
+    why: WhyNot | None = None
+    points: tuple[BoxPoint, ...] = ()

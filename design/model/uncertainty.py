@@ -33,6 +33,13 @@ class Tolerances:
     slope: Spread = Spread()
     ramp: Spread = Spread()
 
+    def scaled(self, factor: float) -> Tolerances:
+        """The same box, ``factor`` times as wide."""
+        spreads = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Tolerances(
+            **{name: Spread(absolute=factor * its.absolute, part=factor * its.part) for name, its in spreads.items()}
+        )
+
     @property
     def none(self) -> bool:
         """Whether everything is as the nominal numbers say."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from design.analysis.objectives import OBJECTIVES
-from design.analysis.synthesis import Active, Answer
+from design.analysis.synthesis import Active, Answer, Box, Price, Synthesis, WhyNot
 from design.present import store
 from design.present.text import Paint, gains_line, number, report_table, wrapped
 from design.spec.load import Source
 from design.spec.setting import Setting
 
 
-def document(source: Source, setting: Setting, answer: Answer) -> dict[str, Any]:
+def document(source: Source, setting: Setting, answer: Answer, bound: dict[str, Any] | None = None) -> dict[str, Any]:
     """JSON of ``synthesize``; it holds the spec's text, so that a design can be reported on alone."""
     outcome, found = answer.outcome, answer.outcome.found
     solved = outcome.status.word == "solved" and found is not None
@@ -27,10 +27,15 @@ def document(source: Source, setting: Setting, answer: Answer) -> dict[str, Any]
         gains=store.gains_json(found.gains) if solved and found else None,
         objective={
             "id": setting.objective,
+            "sense": OBJECTIVES[setting.objective].verb,
             "value": found.value if solved and found else None,
             "unit": OBJECTIVES[setting.objective].unit,
         },
         active=[_active(each) for each in found.active] if solved and found else [],
+        sensitivities=[_price(each) for each in found.prices] if solved and found else [],
+        box=_box(found.box) if solved and found and found.box else None,
+        bound=bound,
+        why_not=_why(answer.why) if answer.why else None,
         starts={
             "tried": answer.starts,
             "reached": found.reached if solved and found else 0,
@@ -43,33 +48,40 @@ def document(source: Source, setting: Setting, answer: Answer) -> dict[str, Any]
     return result
 
 
-def text(source: Source, setting: Setting, answer: Answer, paint: Paint) -> str:
-    """The answer in words."""
+def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: list[str] | None = None) -> str:
+    """The answer in words; ``bound``: what is known of the global optimum."""
     outcome = answer.outcome
     head = f"{source.spec.name}: {OBJECTIVES[setting.objective].verb} {setting.objective}, law {setting.law}"
     if outcome.status.word != "solved":
         style = {"infeasible": "bad"}.get(outcome.status.word, "doubt")
         lines = [head, "", paint(outcome.status.word.upper(), style), *wrapped(outcome.status.value)]
         lines += wrapped(outcome.detail)
+        if answer.why:
+            lines += ["", *_why_lines(answer.why)]
         if answer.missed:
             lines += ["", "At that point (not a result):", *report_table(answer.missed, paint)]
         return "\n".join(lines) + "\n"
     found = outcome.value
+    worst = " at worst within [uncertainty]" if found.box else ""
     lines = [
         head,
         "",
         f"  {gains_line(found.gains, setting.law)}",
-        f"  {setting.objective} = {_value(setting, found.value, 8)}",
+        f"  {setting.objective} = {_value(setting, found.value, 8)}{worst}",
         f"  solved; {found.reached} of {found.starts} starts reached it; confirmed by an independent integrator",
+        *(f"  {line}" for line in bound or ()),
         "",
         "What holds it:",
         *(f"  {_active_line(each)}" for each in found.active),
     ]
     if not found.active:
-        lines.append("  nothing: an interior optimum")
+        lines.append("  other bodies of the box" if found.box else "  nothing: an interior optimum")
+    lines += _price_lines(setting, found)
     if found.optima > 1:
         lines.append(f"{found.optima} distinct local optima were found; this is the best of them.")
     lines += _before(setting, answer)
+    if found.box:
+        lines += ["", *_box_lines(setting, found.box)]
     lines += ["", *report_table(found.verdict.rows, paint)]
     return "\n".join(lines) + "\n"
 
@@ -102,3 +114,96 @@ def _active_line(each: Active) -> str:
         return f"{each.id} is at its bound {number(each.required)}"
     where = "" if each.time_s is None else f" at {each.time_s:.3f} s"
     return f"{each.id} in scenario {each.scenario}{where}: {number(each.value, 8)}"
+
+
+def _price(each: Price) -> dict[str, Any]:
+    return {
+        "id": each.id,
+        "kind": each.kind,
+        "given": each.given,
+        "unit": each.unit,
+        "change_per_percent": each.change,
+        "change_per_percent_solved": each.solved,
+    }
+
+
+def _price_lines(setting: Setting, found: Synthesis) -> list[str]:
+    """What one per cent more of each bound, requirement and tolerance does."""
+    if not found.prices:
+        return []
+    unit = OBJECTIVES[setting.objective].unit
+    lines = [f"One per cent more of each changes {setting.objective} by" + ("" if unit == "1" else f" [{unit}]") + ":"]
+    for each in found.prices:
+        what = each.id if each.kind in ("requirement", "tolerances") else f"{each.kind} of {each.id}"
+        said = [] if each.change is None else [f"{each.change:+.4g} by its multiplier"]
+        said += [] if each.solved is None else [f"{each.solved:+.4g} when sought again"]
+        lines.append(f"  {what} ({number(each.given)}): {', '.join(said) or 'not found'}")
+    return lines
+
+
+def _box(box: Box) -> dict[str, Any]:
+    return {
+        "rounds": box.rounds,
+        "points": [
+            {"row": each.row, "scenario": each.scenario, "at": dict(each.at), "shares": list(each.shares)}
+            for each in box.points
+        ],
+        "tried": box.tried,
+        "broken": 0,
+        "nominal": {
+            "value": box.nominal,
+            "gains": store.gains_json(box.nominal_gains),
+            "share_broken": box.nominal_broken,
+        },
+        "proofs": [{"scenario": name, "answer": answer, "share": share} for name, answer, share in box.proofs],
+    }
+
+
+def _box_lines(setting: Setting, box: Box) -> list[str]:
+    """What is known over the box."""
+    alone = f"{gains_line(box.nominal_gains, setting.law)}: {_value(setting, box.nominal, 6)} there"
+    lines = [
+        f"Over the box of [uncertainty]: {box.rounds} rounds; {len(box.points)} of its points bind or did,",
+        *(
+            f"  {each.row}" + (f" in {each.scenario}" if each.scenario else "") + ": "
+            + ", ".join(f"{name} {value:.5g}" for name, value in each.at.items())
+            for each in box.points
+        ),
+        f"  {box.tried} points of it were tried, none breaks the design.",
+        *wrapped(
+            f"The best gains for the nominal body alone, {alone}, break in {100 * box.nominal_broken:.3g} % of"
+            " corners and points inside."
+        ),
+    ]  # fmt: skip
+    for name, answer, share in box.proofs:
+        part = "" if answer != "unknown" else f" ({100 * share:.3g} % of the box in the time given; see poise prove)"
+        lines.append(f"  {name}: contact and stability over the whole box: {answer.upper()}{part}")
+    return lines
+
+
+def _why(why: WhyNot) -> dict[str, Any]:
+    return {
+        "conflict": list(why.conflict),
+        "minimal": why.minimal,
+        "relaxations": [
+            {"id": each.id, "bound": each.bound or None, "given": each.given, "enough": each.enough, "unit": each.unit}
+            for each in why.relaxations
+        ],
+    }
+
+
+def _why_lines(why: WhyNot) -> list[str]:
+    """The conflict, and what would be enough."""
+    names = " and ".join(why.conflict)
+    small = "" if why.minimal else " (not shown to be the smallest such set: time limit)"
+    if len(why.conflict) > 1:
+        lines = wrapped(f"{names} exclude each other{small}: each can be met without one of the others.")
+    elif why.conflict:
+        lines = wrapped(f"{names} alone is out of reach{small}.")
+    else:
+        lines = wrapped("Contact and stability alone are out of reach, in these scenarios and within these bounds.")
+    if why.relaxations:
+        lines += ["Enough would be any one of:", *(f"  {each}" for each in why.relaxations)]
+    else:
+        lines.append("No single relaxation was found that would be enough.")
+    return lines

@@ -131,7 +131,7 @@ def _gains(problem: Setting, names: Sequence[str], say: Say) -> tuple[dict[str, 
 
 
 def _synthesized(problem: Setting) -> tuple[Gains | None, str]:
-    from problems.gains import solve
+    from problems.robust import solve
 
     if problem.bounds is None:
         return None, "the spec has no [synthesis.bounds]"

@@ -13,6 +13,6 @@ tried, and contact over the whole box is proved where it can be (``design.proof`
 """
 
 from problems.robust.search import solve
-from problems.robust.worst import Weak, weakest
+from problems.robust.worst import Weak, weakest, world
 
-__all__ = ["Weak", "solve", "weakest"]
+__all__ = ["Weak", "solve", "weakest", "world"]

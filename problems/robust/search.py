@@ -82,7 +82,16 @@ def _near(weak: Weak, points: list[Weak]) -> bool:
 
 def _over_the_box(setting: Setting, answer: Answer, points: list[Weak]) -> Answer:
     said = f"Over the box of [uncertainty], with {len(points)} of its points: {answer.outcome.detail}"
-    return replace(answer, outcome=Outcome(status=answer.outcome.status, detail=said))
+    return replace(
+        answer, outcome=Outcome(status=answer.outcome.status, detail=said), points=_box_points(setting, points)
+    )
+
+
+def _box_points(setting: Setting, points: list[Weak]) -> tuple[BoxPoint, ...]:
+    return tuple(
+        BoxPoint(row=each.id, scenario=each.scenario, shares=each.shares, at=named(setting.biped, setting, each.shares))
+        for each in points
+    )
 
 
 def _finished(
@@ -110,10 +119,7 @@ def _finished(
     box = Box(
         rounds=rounds, tried=len(shares), nominal=alone.value, nominal_gains=alone.gains,
         nominal_broken=broken / len(few), proofs=tuple(proofs),
-        points=tuple(
-            BoxPoint(row=each.id, scenario=each.scenario, at=named(setting.biped, setting, each.shares))
-            for each in points
-        ),
+        points=_box_points(setting, points),
     )  # fmt: skip
     return replace(answer, given=first.given, outcome=Outcome(status=Status.SOLVED, found=replace(found, box=box)))
 

@@ -37,10 +37,16 @@ class Obstacle:
 
 
 def obstacles(setting: Setting) -> list[Obstacle]:
-    """All obstacles that are found, for ``setting`` with gain bounds."""
+    """All obstacles that are found, for ``setting`` with gain bounds; fewer are looked for where foot or target differ.
+
+    What is said of capture and poles holds for the paper's foot with P_d = 0.
+    """
+    loads = [obstacle for scenario in setting.scenarios for obstacle in _load(setting, scenario)]
+    if not setting.plain:
+        return [*_foot(setting), *loads]
     return [
         *_foot(setting),
-        *(obstacle for scenario in setting.scenarios for obstacle in _load(setting, scenario)),
+        *loads,
         *(obstacle for scenario in setting.scenarios for obstacle in _capture(setting, scenario)),
         *(obstacle for scenario in setting.scenarios for obstacle in _poles(setting, scenario)),
     ]

@@ -50,7 +50,8 @@ def simulated(poise):
 
 
 @pytest.mark.parametrize(
-    ("spec", "more", "most"), [("slope", (), 0.1), ("adult-slope", (), 0.2), ("wind", ("--scenario", "breeze"), 0.5)]
+    ("spec", "more", "most"),
+    [("slope", (), 0.1), ("adult-slope", (), 0.2), ("adult-foot", (), 0.1), ("wind", ("--scenario", "breeze"), 0.5)],
 )
 def test_the_force_of_a_simulated_run_is_found_again(poise, simulated, spec, more, most):
     if spec == "wind":

@@ -26,10 +26,11 @@ from numpy.typing import NDArray
 
 from design.analysis.observer import Belief
 from design.buffered import Buffered
+from design.model.standing import standing
 from design.solvers.conic import Clarabel, Cone, ConicAnswer, ConicProgram
 from design.solvers.outcome import Outcome, Status
 from problems.flat import Pattern, bands, with_end
-from problems.prediction import Horizon, Posture, posture, stationary
+from problems.prediction import Horizon, Posture, posture, resting
 from problems.receding import Plan
 
 Array = NDArray[np.float64]
@@ -59,7 +60,7 @@ class LinearPlanner:
 
     def plan(self, t: float, belief: Belief, before: float, previous: Plan | None) -> Outcome[Plan]:
         """See ``problems.receding.Planner``."""
-        A, theta_f = stationary(self.horizon.biped, belief.F_x, belief.F_y)
+        A, theta_f, tau_0 = resting(self.horizon, belief.F_x, belief.F_y)
         steps = round(math.log(max(A / self.horizon.biped.weight, 1e-3)) / GRID)
 
         def solver(program: _Program) -> Clarabel:
@@ -68,7 +69,9 @@ class LinearPlanner:
                 self.solvers[key] = Clarabel(program.posed, tolerance=1e-7, seconds=1.0)
             return self.solvers[key]
 
-        return _prediction(self.horizon, steps).plan(solver, t, belief, theta_f, before, shortcut=self.shortcut)
+        return _prediction(self.horizon, steps).plan(
+            solver, t, belief, (theta_f, tau_0), before, shortcut=self.shortcut
+        )
 
 
 @lru_cache(maxsize=64)
@@ -109,11 +112,11 @@ class _Rows:
     """The limits at this moment: affine, ``slopes`` (each, 3), and in the first step about the state itself.
 
     ``levels`` (each,) or (N+2, each) are the margins at rest; ``now`` (each, 4) margin and slopes at ``at`` (3), the
-    state and the torque until now.
+    state and the torque until now, which like all torques counts from ``hold`` [N m].
     """
 
-    def __init__(self, pattern: Pattern, slopes: Array, levels: Array, now: Array, at: Array) -> None:
-        self._pattern, self.slopes, self._levels = pattern, slopes, levels
+    def __init__(self, pattern: Pattern, slopes: Array, levels: Array, now: Array, at: Array, hold: float) -> None:
+        self._pattern, self.slopes, self._levels, self.hold = pattern, slopes, levels, hold
         steep = _as_steep(now[:, 3], slopes[:, 2])
         self._first, self._first_level = now[:, 1:] * steep[:, None], (now[:, 0] - now[:, 1:] @ at) * steep
         self.before = float(at[2])
@@ -126,7 +129,7 @@ class _Rows:
 
     def room(self, points: Array, margins: Array) -> Array:
         """How far each row is from its bound."""
-        return self._pattern.room(points, margins, self.before)
+        return self._pattern.room(points, margins, self.before, self.hold)
 
     def broken(self, points: Array, sigma: float) -> float:
         """By how much the worst row is broken, given ``sigma``."""
@@ -173,32 +176,33 @@ class _Prediction:
         solver: Callable[[_Program], Clarabel],
         t: float,
         belief: Belief,
-        theta_f: float,
+        rest: tuple[float, float],
         before: float,
         *,
         shortcut: bool,
     ) -> Outcome[Plan]:
-        """Pose the numbers of this step, solve, recheck."""
+        """Pose the numbers of this step, solve, recheck; ``rest`` is the posture to be reached and its torque."""
+        theta_f, hold = rest
         F = np.array([belief.F_x, belief.F_y])
         here = np.array([belief.theta - theta_f, belief.omega])
-        there = self._table(np.array([theta_f, 0.0]), 0.0, F)
+        there = self._table(np.array([theta_f, 0.0]), hold, F)
         levels = there[:, 0]
         if belief.ahead is None:
             points, q = self._response @ here, self._whole.q
         else:
-            points, q = self._foreseen(belief.ahead, theta_f, here)
-            at_rest = self._levels(x=[theta_f, 0.0], tau=0.0, F=belief.ahead.T.ravel())["margins"]
+            points, q = self._foreseen(belief.ahead, theta_f, hold, here)
+            at_rest = self._levels(x=[theta_f, 0.0], tau=hold, F=belief.ahead.T.ravel())["margins"]
             levels = at_rest.reshape(self._count + 1, -1)
             levels = np.vstack([levels, levels[-1:]])
         now = self._table(np.array([belief.theta, belief.omega]), before, F)
-        rows = _Rows(self._whole.pattern, there[:, 1:], levels, now, np.append(here, before))
+        rows = _Rows(self._whole.pattern, there[:, 1:], levels, now, np.append(here, before - hold), hold)
         margins = rows.margins(points)
         if shortcut and belief.ahead is None:
             if rows.room(points, margins).min() >= 0:
-                return self._planned(t, theta_f, points, "LQR's response keeps every limit")
+                return self._planned(t, rest, points, "LQR's response keeps every limit")
             begun = self._begun(solver, rows, points, margins)
             if begun is not None:
-                return self._planned(t, theta_f, *begun)
+                return self._planned(t, rest, *begun)
         whole = self._whole
         answer = whole.solve(solver(whole), rows.slopes, q, rows.room(points, margins))
         detail = f"Clarabel: {answer.said}"
@@ -207,7 +211,7 @@ class _Prediction:
         points = points + whole.bands.points @ answer.x[:-1]
         if rows.broken(points, float(answer.x[-1])) > BROKEN:
             return Outcome(status=Status.DISAGREEMENT, detail=f"{detail}, but a row is broken")
-        return self._planned(t, theta_f, points, detail)
+        return self._planned(t, rest, points, detail)
 
     def _begun(
         self, solver: Callable[[_Program], Clarabel], rows: _Rows, points: Array, margins: Array
@@ -217,7 +221,7 @@ class _Prediction:
         n = part.count
         if (margins[n:] < 0).any():
             return None
-        b = part.pattern.room(points[:n], margins[:n], rows.before)
+        b = part.pattern.room(points[:n], margins[:n], rows.before, rows.hold)
         answer = part.solve(solver(part), rows.slopes, part.q, b)
         if not answer.solved:
             return None
@@ -232,28 +236,35 @@ class _Prediction:
         state = points[n, :2] + along.turn @ y
         return np.concatenate([points[:n] + along.points[:n] @ y, self._tail @ state])
 
-    def _planned(self, t: float, theta_f: float, points: Array, detail: str) -> Outcome[Plan]:
+    def _planned(self, t: float, rest: tuple[float, float], points: Array, detail: str) -> Outcome[Plan]:
         N = self._count
         states = points[: N + 1, :2].T.copy()
-        states[0] += theta_f
-        plan = Plan(start=t, step=self._horizon.tuning.step, torque=points[:N, 2].copy(), states=states)
+        states[0] += rest[0]
+        plan = Plan(start=t, step=self._horizon.tuning.step, torque=points[:N, 2] + rest[1], states=states)
         return Outcome(status=Status.SOLVED, detail=detail, found=plan)
 
-    def _foreseen(self, ahead: Array, theta_f: float, here: Array) -> tuple[Array, Array]:
+    def _foreseen(self, ahead: Array, theta_f: float, hold: float, here: Array) -> tuple[Array, Array]:
         """For a force that changes: the points of a response (N+2, 3), and the cost's gradient there (N+1,)."""
         biped, model, N, along = self._horizon.biped, self._model, self._count, self._whole.bands
-        goal = np.arctan2(-ahead[0], biped.M * biped.g - ahead[1]) - theta_f
+        if self._horizon.plain:
+            goal, held = np.arctan2(-ahead[0], biped.M * biped.g - ahead[1]) - theta_f, np.zeros(N + 1)
+        else:
+            each = standing(biped, ahead, self._horizon.target)
+            if not (each.A > 0).all():
+                message = "no posture has its CoP at the target"
+                raise ArithmeticError(message)
+            goal, held = each.theta - theta_f, each.tau - hold
         change = ahead - ahead[:, :1]
         turning = biped.L * (change[0] * np.cos(theta_f) - change[1] * np.sin(theta_f))  # as a torque [N m]
         push = 0.5 * (turning[:-1] + turning[1:])
-        lead = model.K[0] * goal[:N]
+        lead = model.K[0] * goal[:N] + held[:N]
         states = self._free @ here + self._pushed @ (push + lead)
         torque = lead - states[:N] @ model.K
         away, omega = states[:, 0] - goal, states[:, 1]
         end = model.P @ [away[N], omega[N]]
         gradient = along.e[:N].T @ away[:N] + model.Q[1, 1] * along.omega[:N].T @ omega[:N]
-        gradient += model.R * along.tau.T @ torque + along.e[N] * end[0] + along.omega[N] * end[1]
-        points = with_end(model, states[:, 0], omega, torque, float(goal[N]))
+        gradient += model.R * along.tau.T @ (torque - held[:N]) + along.e[N] * end[0] + along.omega[N] * end[1]
+        points = with_end(model, states[:, 0], omega, torque, float(goal[N]), float(held[N]))
         return points, self._whole.unit * np.append(2 * gradient, self._horizon.penalty)
 
 

@@ -47,7 +47,7 @@ def survived(what: str, name: str, setting: Setting, gains: Gains | None) -> dic
             raise RuntimeError(ended.failed)
         return not (ended.lost or ended.fallen) and not _grows(ended)
 
-    both = setting.theta_d != 0.0
+    both = setting.theta_d != 0.0 or not setting.plain
     low, high = 0.0, limit
     for k in range(1, SCAN + 1):
         size = limit * k / SCAN

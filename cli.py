@@ -35,7 +35,6 @@ CODES = {
 }  # fmt: skip
 
 LawName = Literal["pd", "force", "cop"]
-Goal = Literal["decay-rate", "contact-force", "cop-margin", "routh-margin"]
 ReportFormat = Literal["text", "json", "md", "html", "junit"]
 
 SpecArgument = Annotated[str, typer.Argument(metavar="SPEC", help="TOML file, built-in name, or - for standard input.")]
@@ -133,7 +132,8 @@ def simulate(
 @app.command()
 def synthesize(
     spec: SpecArgument,
-    maximise: Annotated[Goal | None, typer.Option("--maximise", help="Instead of the spec's.")] = None,
+    maximise: Annotated[str | None, typer.Option(metavar="ROW", help="Make this row large instead.")] = None,
+    minimise: Annotated[str | None, typer.Option(metavar="ROW", help="Make it small; goals: the soft ones.")] = None,
     law: LawOption = None,
     starts: Annotated[int | None, typer.Option("--starts", min=1, max=1000, help="Number of starts.")] = None,
     time_limit: TimeLimit = 600.0,
@@ -148,7 +148,9 @@ def synthesize(
     from design.present import terminal
     from problems import commands
 
-    printed, word = commands.synthesize(spec, maximise, law, starts, time_limit, format, output, strict=strict)
+    printed, word = commands.synthesize(
+        spec, (maximise, minimise), law, starts, time_limit, format, output, strict=strict
+    )
     terminal.deliver(printed, None)
     raise typer.Exit({"solved": MET, "infeasible": VIOLATED}.get(word, UNDECIDED))
 

@@ -7,14 +7,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from design.analysis.objectives import OBJECTIVES
+from design.errors import BadInput
 from design.model.laws import LawKind
 from design.present import opening, store, synthesis, terminal
-from design.spec.schema import Objective
+from design.spec.setting import Setting
 
 
 def synthesize(
     spec: str,
-    maximise: Objective | None,
+    wish: tuple[str | None, str | None],
     law: LawKind | None,
     starts: int | None,
     time_limit: float,
@@ -27,8 +29,7 @@ def synthesize(
     from problems import gains
 
     source, problem = opening.opened(spec, law, strict=strict)
-    if maximise is not None:
-        problem = replace(problem, maximise=maximise)
+    problem = with_objective(problem, *wish)
     with terminal.progress() as say:
         answer = gains.solve(problem, starts=starts, seconds=time_limit, say=say)
     stored = store.dumps(synthesis.document(source, problem, answer))
@@ -36,6 +37,24 @@ def synthesize(
         store.write(output, stored)
     printed = stored if form == "json" else synthesis.text(source, problem, answer, terminal.painter_for_output())
     return printed, answer.outcome.status.word
+
+
+def with_objective(problem: Setting, maximise: str | None, minimise: str | None) -> Setting:
+    """The problem with what the command line asks for; raises ``BadInput`` for a row that is no objective."""
+    if maximise is not None and minimise is not None:
+        message = "and --maximise exclude each other; give one"
+        raise BadInput(message, key="--minimise")
+    for key, name, sense in (("--maximise", maximise, "at least"), ("--minimise", minimise, "at most")):
+        if name is None:
+            continue
+        known = [id for id, row in OBJECTIVES.items() if row.sense == sense]
+        if name not in known:
+            other = OBJECTIVES.get(name)
+            hint = f"; {other.verb} it: --{other.verb} {name}" if other else f"; needs one of {', '.join(known)}"
+            message = f"is {name[:60]!r}{hint}"
+            raise BadInput(message, key=key)
+        problem = replace(problem, objective=name)
+    return problem
 
 
 def study(

@@ -124,10 +124,17 @@ class Pattern:
 
         Torques, and the one ``before``, count from ``hold`` [N m]; the actuator's limit does not.
         """
-        parts = [margins.ravel()]
-        if self.reach:
-            torques = points[: self._steps, 2]
-            values = [torques + hold] * self.limited[0] + [np.diff(torques, prepend=before)] * self.limited[1]
-            for value, most in zip(values, self.reach, strict=True):
-                parts += [most - value / self.size, most + value / self.size]
-        return np.concatenate([*parts, [0.0]])
+        return np.concatenate([margins.ravel(), *self._reach_left(points, before, hold), [0.0]])
+
+    def reached(self, points: Array, before: float, hold: float = 0.0) -> bool:
+        """Whether the actuator reaches the torques of ``points``; all count from ``hold`` as in ``room``."""
+        return not self.reach or all(left.min() >= 0 for left in self._reach_left(points, before, hold))
+
+    def _reach_left(self, points: Array, before: float, hold: float) -> list[Array]:
+        if not self.reach:
+            return []
+        torques, parts = points[: self._steps, 2], []
+        values = [torques + hold] * self.limited[0] + [np.diff(torques, prepend=before)] * self.limited[1]
+        for value, most in zip(values, self.reach, strict=True):
+            parts += [most - value / self.size, most + value / self.size]
+        return parts

@@ -3,13 +3,11 @@
 minimise    over the deviation from the LQR response          the same cost, quadratic
 subject to  the same limits, linearised about the stationary posture, in the first step about the state itself
 
-*Rows.* A ``Limit`` is linearised with its own CasADi function; f_y depends on the torque through theta'' (7), and so do
-F_T and F_H beyond their -+tau/(2 ell). In the first step they are affine in the torque as they stand, and exact.
-*Coordinates.* Those of ``problems.flat``: N + 1 unknowns, no equalities, banded. *Shortcuts.* Where the LQR response
-keeps every limit it is the optimum, and no QP is solved. Where it breaks none after a part of the horizon, that part is
-solved first, and continued by LQR: a program with fewer rows, so that its optimum, if it keeps them all, is the whole
-one's (Scokaert and Rawlings 1998). *Model.* A is taken from a grid of half a per cent; theta_f is exact, so that
-nothing is offset at rest.
+*Rows.* Those of ``problems.linear_rows``. *Coordinates.* Those of ``problems.flat``: N + 1 unknowns, no equalities,
+banded. *Shortcuts.* Where the LQR response keeps every limit it is the optimum, and no QP is solved. Where it breaks
+none after a part of the horizon, that part is solved first, and continued by LQR: a program with fewer rows, so that
+its optimum, if it keeps them all, is the whole one's (Scokaert and Rawlings 1998). *Model.* A is taken from a grid of
+half a per cent; theta_f is exact, so that nothing is offset at rest.
 """
 
 from __future__ import annotations
@@ -19,7 +17,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -30,6 +27,7 @@ from design.model.standing import standing
 from design.solvers.conic import Clarabel, Cone, ConicAnswer, ConicProgram
 from design.solvers.outcome import Outcome, Status
 from problems.flat import Pattern, bands, with_end
+from problems.linear_rows import Rows, at_rest, linearised
 from problems.prediction import Horizon, Posture, posture, resting
 from problems.receding import Plan
 
@@ -108,34 +106,6 @@ class _Program:
         return solver.solve()
 
 
-class _Rows:
-    """The limits at this moment: affine, ``slopes`` (each, 3), and in the first step about the state itself.
-
-    ``levels`` (each,) or (N+2, each) are the margins at rest; ``now`` (each, 4) margin and slopes at ``at`` (3), the
-    state and the torque until now, which like all torques counts from ``hold`` [N m].
-    """
-
-    def __init__(self, pattern: Pattern, slopes: Array, levels: Array, now: Array, at: Array, hold: float) -> None:
-        self._pattern, self.slopes, self._levels, self.hold = pattern, slopes, levels, hold
-        steep = _as_steep(now[:, 3], slopes[:, 2])
-        self._first, self._first_level = now[:, 1:] * steep[:, None], (now[:, 0] - now[:, 1:] @ at) * steep
-        self.before = float(at[2])
-
-    def margins(self, points: Array) -> Array:
-        """Each limit's (N+2, each) at ``points`` (N+2, 3)."""
-        found: Array = points @ self.slopes.T + self._levels
-        found[0] = self._first @ points[0] + self._first_level
-        return found
-
-    def room(self, points: Array, margins: Array) -> Array:
-        """How far each row is from its bound."""
-        return self._pattern.room(points, margins, self.before, self.hold)
-
-    def broken(self, points: Array, sigma: float) -> float:
-        """By how much the worst row is broken, given ``sigma``."""
-        return -float((self.room(points, self.margins(points)) + self._pattern.give * sigma).min())
-
-
 class _Prediction:
     """The prediction for one value of A: what does not change from step to step, built once."""
 
@@ -154,22 +124,17 @@ class _Prediction:
             """The points (count + 2, 3, 2) of LQR's response to a state."""
             return with_end(model, states[: count + 1, 0], states[: count + 1, 1], -(model.K @ states[:count]))
 
-        self._response = response_over(N)
+        self._limits = Buffered(linearised(horizon, N + 2))
+        self._limits.given["response"][:] = response_over(N).reshape(-1, 2).ravel("F")
         self._pushed = np.zeros((N + 1, 2, N))  # what an extra torque at one step does to the states after it
         for k in range(N):
             self._pushed[k + 1 :, :, k] = states[: N - k] @ model.Bd
-        linearised = _linearised(horizon)
-        self._limits = Buffered(linearised)
-        self._levels = Buffered(_levels(linearised, N + 1))
-        level = np.array([0.0, biped.M * biped.g - A])  # a force that makes gravity A: what the solver is scaled by
-        slopes = self._table(np.zeros(2), 0.0, level)[:, 1:]
+        self._at_rest = Buffered(at_rest(horizon, N + 1))
+        level = [0.0, biped.M * biped.g - A]  # a force that makes gravity A: what the solver is scaled by
+        slopes = self._limits(now=[0.0, 0.0, 0.0, 0.0, *level, 0.0])["slopes"].reshape(-1, 3)
         self._whole = _Program(horizon, model, N, slopes, ends=True)
         self._part = _Program(horizon, model, round(PART * N), slopes, ends=False)
         self._tail = response_over(N - self._part.count)
-
-    def _table(self, x: Array, tau: float, F: Array) -> Array:
-        """Each limit component's margin and its slopes in theta, omega and tau (each, 4)."""
-        return self._limits(x=x, tau=tau, F=F)["table"].reshape(4, -1).T.copy()
 
     def plan(
         self,
@@ -183,27 +148,25 @@ class _Prediction:
     ) -> Outcome[Plan]:
         """Pose the numbers of this step, solve, recheck; ``rest`` is the posture to be reached and its torque."""
         theta_f, hold = rest
-        F = np.array([belief.F_x, belief.F_y])
-        here = np.array([belief.theta - theta_f, belief.omega])
-        there = self._table(np.array([theta_f, 0.0]), hold, F)
-        levels = there[:, 0]
-        if belief.ahead is None:
-            points, q = self._response @ here, self._whole.q
-        else:
-            points, q = self._foreseen(belief.ahead, theta_f, hold, here)
-            at_rest = self._levels(x=[theta_f, 0.0], tau=hold, F=belief.ahead.T.ravel())["margins"]
-            levels = at_rest.reshape(self._count + 1, -1)
+        self._limits.given["now"][:] = theta_f, belief.theta, belief.omega, before, belief.F_x, belief.F_y, hold
+        limits = self._limits.run()
+        points, levels, whole = limits["points"].reshape(-1, 3).copy(), limits["levels"], self._whole
+        held, since = belief.ahead is None, before - hold
+        if shortcut and held and limits["kept"][0] and whole.pattern.reached(points, since, hold):
+            return self._planned(t, rest, points, "LQR's response keeps every limit")
+        q = whole.q
+        if belief.ahead is not None:
+            points, q = self._foreseen(belief.ahead, rest, np.array([belief.theta - theta_f, belief.omega]))
+            levels = self._at_rest(theta=theta_f, tau=hold, F=belief.ahead.T.ravel())["margins"]
+            levels = levels.reshape(self._count + 1, -1)
             levels = np.vstack([levels, levels[-1:]])
-        now = self._table(np.array([belief.theta, belief.omega]), before, F)
-        rows = _Rows(self._whole.pattern, there[:, 1:], levels, now, np.append(here, before - hold), hold)
+        slopes, first = limits["slopes"].reshape(-1, 3), limits["first"].reshape(-1, 4)
+        rows = Rows(whole.pattern, slopes, levels, first, since, hold)
         margins = rows.margins(points)
-        if shortcut and belief.ahead is None:
-            if rows.room(points, margins).min() >= 0:
-                return self._planned(t, rest, points, "LQR's response keeps every limit")
+        if shortcut and held:
             begun = self._begun(solver, rows, points, margins)
             if begun is not None:
                 return self._planned(t, rest, *begun)
-        whole = self._whole
         answer = whole.solve(solver(whole), rows.slopes, q, rows.room(points, margins))
         detail = f"Clarabel: {answer.said}"
         if not answer.solved:
@@ -214,7 +177,7 @@ class _Prediction:
         return self._planned(t, rest, points, detail)
 
     def _begun(
-        self, solver: Callable[[_Program], Clarabel], rows: _Rows, points: Array, margins: Array
+        self, solver: Callable[[_Program], Clarabel], rows: Rows, points: Array, margins: Array
     ) -> tuple[Array, str] | None:
         """The optimum, by a deviation in the first part only; None where that does not give it."""
         part = self._part
@@ -237,15 +200,18 @@ class _Prediction:
         return np.concatenate([points[:n] + along.points[:n] @ y, self._tail @ state])
 
     def _planned(self, t: float, rest: tuple[float, float], points: Array, detail: str) -> Outcome[Plan]:
+        """The plan of these ``points``, which become its own."""
         N = self._count
-        states = points[: N + 1, :2].T.copy()
-        states[0] += rest[0]
-        plan = Plan(start=t, step=self._horizon.tuning.step, torque=points[:N, 2] + rest[1], states=states)
+        points[:, 0] += rest[0]
+        if rest[1]:
+            points[:, 2] += rest[1]
+        plan = Plan(start=t, step=self._horizon.tuning.step, torque=points[:N, 2], states=points[: N + 1, :2].T)
         return Outcome(status=Status.SOLVED, detail=detail, found=plan)
 
-    def _foreseen(self, ahead: Array, theta_f: float, hold: float, here: Array) -> tuple[Array, Array]:
+    def _foreseen(self, ahead: Array, rest: tuple[float, float], here: Array) -> tuple[Array, Array]:
         """For a force that changes: the points of a response (N+2, 3), and the cost's gradient there (N+1,)."""
         biped, model, N, along = self._horizon.biped, self._model, self._count, self._whole.bands
+        theta_f, hold = rest
         if self._horizon.plain:
             goal, held = np.arctan2(-ahead[0], biped.M * biped.g - ahead[1]) - theta_f, np.zeros(N + 1)
         else:
@@ -266,31 +232,3 @@ class _Prediction:
         gradient += model.R * along.tau.T @ (torque - held[:N]) + along.e[N] * end[0] + along.omega[N] * end[1]
         points = with_end(model, states[:, 0], omega, torque, float(goal[N]), float(held[N]))
         return points, self._whole.unit * np.append(2 * gradient, self._horizon.penalty)
-
-
-def _as_steep(now: Array, there: Array) -> Array:
-    """Factors that give rows with the slopes ``now`` in tau those of ``there``: the first step's have no other unknown.
-
-    So the matrix stays the same as long as the force believed does. Where the slopes have little to do with each other
-    (a limit that the torque hardly moves) the row is left as it is.
-    """
-    with np.errstate(all="ignore"):
-        factors = there / now
-    return np.where((factors > 0.5) & (factors < 2.0), factors, 1.0)
-
-
-def _linearised(horizon: Horizon) -> ca.Function:
-    """(x, tau, F) -> each limit component's margin, and its slopes in theta, omega and tau, by its scale."""
-    x, tau, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("F", 2)
-    margins = ca.vertcat(
-        *[limit.margin(limit.quantity(x, tau, F), level) / limit.scale for limit, level in horizon.rows]
-    )
-    table = ca.horzcat(margins, ca.densify(ca.jacobian(margins, ca.vertcat(x, tau))))
-    return ca.Function("linearised", [x, tau, F], [ca.densify(table)], ["x", "tau", "F"], ["table"], {"cse": True})
-
-
-def _levels(linearised: ca.Function, count: int) -> ca.Function:
-    """(x, tau, F (2, count)) -> the margins at each force (each, count)."""
-    x, tau, F = ca.MX.sym("x", 2), ca.MX.sym("tau"), ca.MX.sym("F", 2, count)
-    table = linearised.map(count)(ca.repmat(x, 1, count), ca.repmat(tau, 1, count), F)
-    return ca.Function("levels", [x, tau, F], [ca.densify(table[:, 0::4])], ["x", "tau", "F"], ["margins"])

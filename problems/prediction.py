@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -63,7 +63,7 @@ class Horizon:
     penalty: float = PENALTY
     target: float = 0.0
 
-    @property
+    @cached_property
     def plain(self) -> bool:
         """Whether foot and target are the paper's."""
         return self.biped.plain and self.target == 0.0

@@ -111,19 +111,19 @@ class Receding:
         before = memory.torques[-1]
         belief, seen = self._believed(t, measurement, memory)
         outcome = self._planned(t, belief, before, memory.plan)
-        tally, plan, integral = memory.tally, memory.plan, None
+        planned, tail, law = memory.tally
         if outcome.status is Status.SOLVED:
-            plan = outcome.value
-            tau, tally = float(plan.torque[0]), tally._replace(planned=tally.planned + 1)
-        elif plan is not None and (planned := plan.at(t)) is not None:
-            tau, tally = self._held_to(planned, belief), tally._replace(tail=tally.tail + 1)
-            tau = self._in_contact(tau, measurement, memory.torques[0])
+            tau = self.actuator.given(outcome.value.torque.item(0), before)
+            tally = Tally(planned + 1, tail, law)
+            return tau, Memory(seen, (*memory.torques[1:], tau), outcome.value, None, tally, memory.reasons)
+        plan, integral = memory.plan, None
+        if plan is not None and (left := plan.at(t)) is not None:
+            tau, tally = self._held_to(left, belief), Tally(planned, tail + 1, law)
         else:
-            plan = None
+            plan, tally = None, Tally(planned, tail, law + 1)
             tau, integral = self._by_law(t, measurement, before, memory.integral)
-            tau, tally = self._in_contact(tau, measurement, memory.torques[0]), tally._replace(law=tally.law + 1)
-        tau = self.actuator.given(tau, before)
-        reasons = memory.reasons if outcome.status is Status.SOLVED else _counted(memory.reasons, outcome)
+        tau = self.actuator.given(self._in_contact(tau, measurement, memory.torques[0]), before)
+        reasons = _counted(memory.reasons, outcome)
         return tau, Memory(seen, (*memory.torques[1:], tau), plan, integral, tally, reasons)
 
     def _believed(self, t: float, measurement: Measurement, memory: Memory) -> tuple[Belief | None, Seen | None]:

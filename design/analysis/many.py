@@ -1,25 +1,137 @@
-"""Many bodies and worlds at once: the smallest contact force of each, by one vectorised Runge-Kutta march.
+"""Many bodies and worlds at once: the extremes of each one's run, by one vectorised Runge-Kutta march.
 
 For searching a box, not for judging: all march on the same times, so that a corner of a force may fall within a step.
-What is found is to be confirmed by ``design.analysis.simulate`` or the second opinion. Laws pd and (8).
+What is found is to be confirmed by ``design.analysis.simulate`` or the second opinion. The law knows the nominal body.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.model.body import Biped
 from design.model.environment import Scenario
-from design.model.laws import Gains, LawKind
+from design.model.laws import Gains, LawKind, desired, followed, gathered, swing, torque_of
 from design.model.uncertainty import Spread, Tolerances
 
 Array = NDArray[np.float64]
+State = tuple[Array, ...]
 
 FALLEN = 0.5 * math.pi
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Extremes:
+    """What each run (N,) came to.
+
+    Least F_T and F_H [N] and distance of P from an end of the foot [m]; most |tau| [N m] and |f_x|/N. A body that falls
+    has minus its weight for its forces, and the worst of the others.
+    """
+
+    toe: Array
+    heel: Array
+    cop: Array
+    torque: Array
+    friction: Array
+
+
+def extremes(
+    biped: Biped,
+    kind: LawKind,
+    gains: Gains,
+    scenario: Scenario,
+    tolerances: Tolerances,
+    shares: Sequence[Sequence[float]] | Array,
+    *,
+    step: float,
+    theta_d: float = 0.0,
+    target: float = 0.0,
+    adapt: float = math.inf,
+    impulse: float = 0.0,
+) -> Extremes:
+    """The runs at ``shares`` (N, 7) of the half-widths of ``tolerances``, which ``tolerances.drawn`` explains.
+
+    The law has ``theta_d`` [rad], P_d = ``target`` [m], and adapts within ``adapt`` [s]. An ``impulse`` [N s] at the
+    centre of gravity comes before the start.
+    """
+    shares = np.asarray(shares, dtype=float)
+
+    def at(spread: Spread, value: float, column: int) -> Array:
+        return np.asarray(value + shares[:, column] * (spread.absolute + spread.part * abs(value)))
+
+    M, L, I, m, ell = (
+        at(getattr(tolerances, name), getattr(biped, name), k) for k, name in enumerate(("M", "L", "I", "m", "ell"))
+    )
+    g, skew, height = biped.g, biped.skew, biped.height
+    final = float(scenario.signal[0, -1])
+    world = _world(scenario, M, g, at(tolerances.slope, final, 5), at(tolerances.ramp, float(scenario.times[-1]), 6))
+    adapts = math.isfinite(adapt)
+
+    def seen(z: State, F: tuple[Array, Array]) -> tuple[Array, ...]:
+        """tau, theta'', F_T, F_H, the load, and the ground's horizontal force."""
+        theta, omega, s = z[:3]
+        aim = desired(biped, adapt, z[3], omega) if adapts else theta_d
+        tau = torque_of(kind, biped, aim, theta, omega, s, gains)
+        sine, cosine = np.sin(theta), np.cos(theta)
+        turning = ((M * g - F[1]) * L * sine + F[0] * L * cosine + tau) / I
+        load = M * (g - L * (turning * sine + omega**2 * cosine)) - F[1] + m * g
+        shear = M * L * (turning * cosine - omega**2 * sine) - F[0]
+        turn = tau - ell * skew * m * g + height * shear  # l_H F_H - l_T F_T
+        return tau, turning, 0.5 * ((1 - skew) * load - turn / ell), 0.5 * ((1 + skew) * load + turn / ell), load, shear
+
+    def flow(z: State, found: tuple[Array, ...]) -> State:
+        _, turning, F_T, F_H, *_ = found
+        rate = gathered(kind, biped, F_T, F_H, target)
+        if not adapts:
+            return z[1], turning, rate
+        return z[1], turning, rate, followed(biped, adapt, desired(biped, adapt, z[3], z[1]), z[0], rate)
+
+    n = len(shares)
+    omega0 = scenario.omega0 + impulse * L / I
+    z: State = (np.full(n, scenario.theta0), omega0, np.zeros(n))
+    if adapts:
+        z = (*z, theta_d + swing(biped, adapt) * omega0)
+    toe, heel, cop = (np.full(n, np.inf) for _ in range(3))
+    torque, friction = np.zeros(n), np.zeros(n)
+
+    def note(found: tuple[Array, ...]) -> None:
+        tau, _, F_T, F_H, load, shear = found
+        np.fmin(toe, F_T, out=toe)
+        np.fmin(heel, F_H, out=heel)
+        P = ((1 + skew) * F_T - (1 - skew) * F_H) * ell / load
+        np.fmin(cop, np.minimum((1 + skew) * ell - P, (1 - skew) * ell + P), out=cop)
+        np.fmax(torque, np.abs(tau), out=torque)
+        np.fmax(friction, np.abs(shear) / load, out=friction)
+
+    steps = scenario.steps(step)
+    fallen = np.zeros(n, dtype=bool)
+    with np.errstate(all="ignore"):
+        for t, h in zip(steps.t[:-1].tolist(), steps.h.tolist(), strict=True):
+            if h == 0:
+                continue
+            F = [world(t, t + 0.5 * h), world(t + 0.5 * h, t + 0.5 * h), world(t + h, t + 0.5 * h)]
+            first = seen(z, F[0])
+            note(first)
+            k1 = flow(z, first)
+            k2 = flow(at_2 := _moved(z, k1, 0.5 * h), seen(at_2, F[1]))
+            k3 = flow(at_3 := _moved(z, k2, 0.5 * h), seen(at_3, F[1]))
+            k4 = flow(at_4 := _moved(z, k3, h), seen(at_4, F[2]))
+            z = _moved(z, tuple((a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)), h)
+            note(seen(z, F[2]))  # a jump may follow
+            fallen |= ~(np.abs(z[0]) < FALLEN)
+    lost = -(M + m) * g
+
+    def worst(value: Array, fell: Array | float) -> Array:
+        return np.asarray(np.where(fallen, fell, value))
+
+    return Extremes(
+        toe=worst(toe, np.minimum(toe, lost)), heel=worst(heel, np.minimum(heel, lost)), cop=worst(cop, -ell),
+        torque=worst(torque, np.inf), friction=worst(friction, np.inf),
+    )  # fmt: skip
 
 
 def least_forces(
@@ -34,73 +146,13 @@ def least_forces(
     theta_d: float = 0.0,
     target: float = 0.0,
 ) -> tuple[Array, Array]:
-    """The smallest toe and heel force (N,) [N] at ``shares`` (N, 7) of the half-widths of ``tolerances``.
-
-    ``tolerances.drawn`` says what the shares mean; the law, with P_d = ``target`` [m], knows each body. A body that
-    falls has minus its weight. Raises ``ValueError`` for law cop.
-    """
-    if kind == "cop":
-        message = "law cop is not marched for many bodies"
-        raise ValueError(message)
-    shares = np.asarray(shares, dtype=float)
-
-    def at(spread: Spread, value: float, column: int) -> Array:
-        return value + shares[:, column] * (spread.absolute + spread.part * abs(value))
-
-    M, L, I, m, ell = (
-        at(getattr(tolerances, name), getattr(biped, name), k) for k, name in enumerate(("M", "L", "I", "m", "ell"))
-    )
-    g, skew, height = biped.g, biped.skew, biped.height
-    final = float(scenario.signal[0, -1])
-    world = _world(scenario, M, g, at(tolerances.slope, final, 5), at(tolerances.ramp, float(scenario.times[-1]), 6))
-    plain = biped.plain and target == 0.0
-    K_p, K_d, K_f = gains
-    if kind == "pd":
-        K_f = 0.0
-
-    def flow(z: tuple[Array, Array, Array], F: tuple[Array, Array]) -> tuple[Array, Array, Array, Array]:
-        theta, omega, s = z
-        tau = K_p * (theta_d - theta) - K_d * omega + K_f * s
-        turning = ((M * g - F[1]) * L * np.sin(theta) + F[0] * L * np.cos(theta) + tau) / I
-        if plain:
-            return omega, turning, tau / ell, tau
-        shear = M * L * (turning * np.cos(theta) - omega**2 * np.sin(theta)) - F[0]
-        turn = tau - ell * skew * m * g + height * shear  # l_H F_H - l_T F_T
-        return omega, turning, (turn + target * pressing(theta, omega, turning, F)) / ell, turn
-
-    def pressing(theta: Array, omega: Array, turning: Array, F: tuple[Array, Array]) -> Array:
-        return M * (g - L * (turning * np.sin(theta) + omega**2 * np.cos(theta))) - F[1] + m * g
-
-    n = len(shares)
-    z = (np.full(n, scenario.theta0), np.full(n, scenario.omega0), np.zeros(n))
-    toe, heel = np.full(n, np.inf), np.full(n, np.inf)
-    steps = scenario.steps(step)
-
-    def seen(z: tuple[Array, Array, Array], rate: tuple[Array, ...], F: tuple[Array, Array]) -> None:
-        load = pressing(z[0], z[1], rate[1], F)
-        np.fmin(toe, 0.5 * ((1 - skew) * load - rate[3] / ell), out=toe)
-        np.fmin(heel, 0.5 * ((1 + skew) * load + rate[3] / ell), out=heel)
-
-    with np.errstate(all="ignore"):
-        for t, h in zip(steps.t[:-1].tolist(), steps.h.tolist(), strict=True):
-            if h == 0:
-                continue
-            F = [world(t, t + 0.5 * h), world(t + 0.5 * h, t + 0.5 * h), world(t + h, t + 0.5 * h)]
-            k1 = flow(z, F[0])
-            seen(z, k1, F[0])
-            k2 = flow(_moved(z, k1, 0.5 * h), F[1])
-            k3 = flow(_moved(z, k2, 0.5 * h), F[1])
-            k4 = flow(_moved(z, k3, h), F[2])
-            mean = tuple((a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
-            z = _moved(z, mean, h)
-            seen(z, flow(z, F[2]), F[2])  # a jump may follow
-    fallen = ~(np.abs(z[0]) < FALLEN)
-    lost = -(M + m) * g
-    return np.where(fallen, np.minimum(toe, lost), toe), np.where(fallen, np.minimum(heel, lost), heel)
+    """The smallest toe and heel force (N,) [N] of ``extremes``."""
+    found = extremes(biped, kind, gains, scenario, tolerances, shares, step=step, theta_d=theta_d, target=target)
+    return found.toe, found.heel
 
 
-def _moved(z: tuple[Array, Array, Array], rate: tuple[Array, ...], h: float) -> tuple[Array, Array, Array]:
-    return z[0] + h * rate[0], z[1] + h * rate[1], z[2] + h * rate[2]
+def _moved(z: State, rate: State, h: float) -> State:
+    return tuple(a + h * b for a, b in zip(z, rate, strict=True))
 
 
 def _world(scenario: Scenario, M: Array, g: float, final: Array, ramp: Array):  # type: ignore[no-untyped-def]

@@ -4,101 +4,169 @@ A trajectory depends on three gains only, so its derivatives are best carried fo
 differentiated once and twice along the gains, and the sensitivities are marched together with the state. CasADi is
 told that these are the Jacobian and the Jacobian's Jacobian of the result, so that any function composed with it has
 exact first and second derivatives; this is several times faster than differentiating the marched loop in reverse.
+
+Where the disturbance itself is sought, the largest one that is survived, its size is one more parameter (``Sized``).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations_with_replacement
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
 
+from design.analysis.survival import pull, rest
+from design.model.body import Biped
 from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario, Steps
 
 BLOCKS = 16
 """A trajectory is marched in multiples of a sixteenth of its length, only as far as it is looked at."""
 
-_PAIRS = list(combinations_with_replacement(range(3), 2))
 _CLOSED = {"never_inline": True, "enable_forward": False, "enable_reverse": False}
 
 
-class Motion:
-    """One scenario's trajectory on one time grid, as a function of K = (K_p, K_d, K_f)."""
+@dataclass(frozen=True, kw_only=True)
+class Sized:
+    """A disturbance from rest on level ground, of the size ``base`` + ``rate`` v.
 
-    def __init__(self, loop: ClosedLoop, scenario: Scenario, steps: Steps) -> None:
+    A sudden slope [rad], or a push at the centre of gravity [N s].
+    """
+
+    kind: Literal["step-slope", "push"]
+    base: float
+    rate: float
+
+    def size(self, v: Any) -> Any:
+        """The size at ``v``."""
+        return self.base + self.rate * v
+
+    def force(self, biped: Biped, v: Any) -> Any:
+        """The constant force (2,) [N], (21)."""
+        if self.kind == "push":
+            return ca.DM([0.0, 0.0])
+        alpha = self.size(v)
+        return biped.M * biped.g * ca.vertcat(ca.sin(alpha), 1.0 - ca.cos(alpha))
+
+    def start(self, loop: ClosedLoop, p: Any) -> Any:
+        """The states at t = 0, for p = (K, v): at rest on level ground, and pushed."""
+        biped, law = loop.biped, loop.law
+        omega = self.size(p[3]) * biped.L / biped.I if self.kind == "push" else 0.0
+        if law.kind == "pd" or (biped.plain and law.target == 0.0):
+            return ca.vertcat(*loop.start(0.0, omega))
+        theta, tau = rest(loop)
+        theta_d = theta if math.isfinite(law.adapt) else law.theta_d
+        s = (tau - p[0] * (theta_d - theta)) / (p[2] * pull(loop))
+        return ca.vertcat(*loop.start(theta, omega, s, theta_d))
+
+
+class Motion:
+    """One scenario's trajectory on one time grid, as a function of p: K = (K_p, K_d, K_f), or (K, v) where ``sized``.
+
+    A sized disturbance replaces the scenario's force and state at t = 0.
+    """
+
+    def __init__(self, loop: ClosedLoop, scenario: Scenario, steps: Steps, sized: Sized | None = None) -> None:
         self.steps = steps
+        self.free = 3 if sized is None else 4
+        self._sized, self._biped = sized, loop.biped
         self._count = len(self.steps.h)
         self._inputs = ca.DM(np.vstack([self.steps.h, self.steps.start, self.steps.middle, self.steps.end]))
-        self._z0 = loop.start(scenario.theta0, scenario.omega0)
-        self._steps = sensitivity_steps(loop)
+        self._size = loop.size
+        self._pairs = _pairs(self.free)
+        self._steps = sensitivity_steps(loop, sized)
+        p = ca.SX.sym("p", self.free)
+        if sized is None:
+            z0 = ca.SX(ca.DM(loop.start(scenario.theta0, scenario.omega0)))
+        else:
+            z0 = sized.start(loop, p)
+        slope = ca.jacobian(z0, p)
+        orders = (z0, ca.vec(slope), ca.vertcat(*[ca.jacobian(slope[:, i], p[j]) for i, j in self._pairs]))
+        self._start = [ca.Function("start", [p], [ca.densify(ca.vertcat(*orders[: k + 1]))]) for k in range(3)]
         self._built: dict[tuple[int, int], ca.Function] = {}
 
     def states(self, instants: Sequence[int]) -> ca.Function:
-        """K (3) -> states (m, n) at the samples numbered ``instants`` (n), with exact derivatives to second order."""
+        """P -> states (m, n) at the samples numbered ``instants`` (n), with exact derivatives to second order."""
         columns = [int(k) for k in instants]
-        n, m = len(columns), len(self._z0)
-        K, Z, J = ca.MX.sym("K", 3), ca.MX.sym("Z", m, n), ca.MX.sym("J", m * n, 3)
-        plain, first, second = (self._marched(order, K, max(columns))[:, columns] for order in range(3))
-        jacobian = ca.horzcat(*[ca.vec(first[m + m * j : 2 * m + m * j, :]) for j in range(3)])
-        hessian = ca.horzcat(*[ca.vertcat(*[ca.vec(second[_rows(m, i, j), :]) for j in range(3)]) for i in range(3)])
+        n, m, free = len(columns), self._size, self.free
+        p, Z, J = ca.MX.sym("p", free), ca.MX.sym("Z", m, n), ca.MX.sym("J", m * n, free)
+        plain, first, second = (self._marched(order, p, max(columns))[:, columns] for order in range(3))
+        jacobian = ca.horzcat(*[ca.vec(first[m + m * j : 2 * m + m * j, :]) for j in range(free)])
+        hessian = ca.horzcat(
+            *[ca.vertcat(*[ca.vec(second[self._rows(i, j), :]) for j in range(free)]) for i in range(free)]
+        )
         curvature = ca.Function(
-            "jac_jac_states", [K, Z, J], [hessian, ca.MX(3 * m * n, m * n)], ["K", "out_Z", "out_jac_Z_K"],
-            ["jac_jac_Z_K_K", "jac_jac_Z_K_out_Z"],
+            "jac_jac_states", [p, Z, J], [hessian, ca.MX(free * m * n, m * n)], ["p", "out_Z", "out_jac_Z_p"],
+            ["jac_jac_Z_p_p", "jac_jac_Z_p_out_Z"],
         )  # fmt: skip
         slope = ca.Function(
-            "jac_states", [K, Z], [jacobian], ["K", "out_Z"], ["jac_Z_K"], {"custom_jacobian": curvature, **_CLOSED}
+            "jac_states", [p, Z], [jacobian], ["p", "out_Z"], ["jac_Z_p"], {"custom_jacobian": curvature, **_CLOSED}
         )
-        return ca.Function("states", [K], [plain], ["K"], ["Z"], {"custom_jacobian": slope, **_CLOSED})
+        return ca.Function("states", [p], [plain], ["p"], ["Z"], {"custom_jacobian": slope, **_CLOSED})
 
-    def all_states(self, K: ca.MX) -> ca.MX:
+    def all_states(self, p: ca.MX) -> ca.MX:
         """States (m, N+1) at every sample, without the fast derivatives."""
-        return self._marched(0, K, self._count)
+        return self._marched(0, p, self._count)
 
-    def _marched(self, order: int, K: ca.MX, last: int) -> ca.MX:
+    def force(self, instants: Sequence[int] | None, p: ca.MX) -> Any:
+        """The force (2, n) [N] at the samples numbered ``instants``, or at all."""
+        if self._sized is None:
+            return ca.DM(self.steps.force if instants is None else self.steps.force[:, list(instants)])
+        count = len(self.steps.t) if instants is None else len(instants)
+        return ca.repmat(self._sized.force(self._biped, p[3]), 1, count)
+
+    def _marched(self, order: int, p: ca.MX, last: int) -> ca.MX:
         """States and sensitivities up to ``order`` from the first sample to the one numbered ``last``."""
         blocks = max(1, -(-last * BLOCKS // self._count))
         if (order, blocks) not in self._built:
             step = self._steps[order]
             count = min(self._count, -(-self._count * blocks // BLOCKS))
-            gains, start = ca.MX.sym("K", 3), ca.DM([*self._z0, *[0.0] * (step.size1_in(0) - len(self._z0))])
-            march = step.mapaccum("march", count)(start, self._inputs[:, :count], ca.repmat(gains, 1, count))
-            self._built[order, blocks] = ca.Function("marched", [gains], [ca.horzcat(start, march)])
-        return self._built[order, blocks](K)
+            given = ca.MX.sym("p", self.free)
+            start = self._start[order](given)
+            march = step.mapaccum("march", count)(start, self._inputs[:, :count], ca.repmat(given, 1, count))
+            self._built[order, blocks] = ca.Function("marched", [given], [ca.horzcat(start, march)])
+        return self._built[order, blocks](p)
+
+    def _rows(self, i: int, j: int) -> slice:
+        at = self._size * (1 + self.free + self._pairs.index((min(i, j), max(i, j))))
+        return slice(at, at + self._size)
 
 
-def _rows(m: int, i: int, j: int) -> slice:
-    at = 4 * m + m * _PAIRS.index((min(i, j), max(i, j)))
-    return slice(at, at + m)
+def _pairs(free: int) -> list[tuple[int, int]]:
+    return list(combinations_with_replacement(range(free), 2))
 
 
-@lru_cache(maxsize=16)
-def sensitivity_steps(loop: ClosedLoop) -> list[ca.Function]:
-    """The step of z (m), of (z, dz/dK) (4 m), and of (z, dz/dK, d²z/dK²) (10 m), each a function of (state, u, K).
+@lru_cache(maxsize=64)
+def sensitivity_steps(loop: ClosedLoop, sized: Sized | None = None) -> list[ca.Function]:
+    """The step of z (m), of (z, dz/dp), and of (z, dz/dp, d²z/dp²), each a function of (state, u, p).
 
-    With z⁺ = phi(z, K): S⁺ = phi_z S + phi_K, and its derivative along each pair of gains.
+    With z⁺ = phi(z, p): S⁺ = phi_z S + phi_p, and its derivative along each pair of parameters.
     """
-    m = loop.size
-    z, u, K = ca.SX.sym("z", m), ca.SX.sym("u", 7), ca.SX.sym("K", 3)
-    S, T = ca.SX.sym("S", m, 3), ca.SX.sym("T", m, len(_PAIRS))
-    step = loop.step
-    following = step.call([z, u, K], True, False)[0]
-    zK = ca.vertcat(z, K)
-    along = [ca.vertcat(S[:, i], ca.densify(ca.DM.eye(3)[:, i])) for i in range(3)]
-    S_next = [ca.jtimes(following, zK, direction) for direction in along]
+    m, free = loop.size, 3 if sized is None else 4
+    pairs = _pairs(free)
+    z, u, p = ca.SX.sym("z", m), ca.SX.sym("u", 7), ca.SX.sym("p", free)
+    S, T = ca.SX.sym("S", m, free), ca.SX.sym("T", m, len(pairs))
+    seen = u if sized is None else ca.vertcat(u[0], *[sized.force(loop.biped, p[3])] * 3)
+    following = loop.step.call([z, seen, p[:3]], True, False)[0]
+    zp = ca.vertcat(z, p)
+    along = [ca.vertcat(S[:, i], ca.densify(ca.DM.eye(free)[:, i])) for i in range(free)]
+    S_next = [ca.jtimes(following, zp, direction) for direction in along]
     T_next = []
-    for index, (i, j) in enumerate(_PAIRS):
+    for index, (i, j) in enumerate(pairs):
         held = ca.SX.sym(
-            "held", m + 3
+            "held", m + free
         )  # d/dj of the i-th sensitivity, its direction held, plus the direction's own change
-        bent = ca.jtimes(ca.jtimes(following, zK, held), zK, along[j])
+        bent = ca.jtimes(ca.jtimes(following, zp, held), zp, along[j])
         T_next.append(ca.substitute(bent, held, along[i]) + ca.jtimes(following, z, T[:, index]))
     cse = {"cse": True}
     first, second = ca.horzcat(*S_next), ca.horzcat(*T_next)
     return [
-        step,
-        ca.Function("step_1", [ca.veccat(z, S), u, K], [ca.veccat(following, first)], cse),
-        ca.Function("step_2", [ca.veccat(z, S, T), u, K], [ca.veccat(following, first, second)], cse),
+        ca.Function("step_0", [z, u, p], [following], cse) if sized else loop.step,
+        ca.Function("step_1", [ca.veccat(z, S), u, p], [ca.veccat(following, first)], cse),
+        ca.Function("step_2", [ca.veccat(z, S, T), u, p], [ca.veccat(following, first, second)], cse),
     ]

@@ -125,49 +125,54 @@ class Observer:
 
         ``tau_now``: the torque under which toe and heel force were measured, where it is another.
         """
-        biped = self.biped
-        first = seen is None
+        M, L, g = self.biped.M, self.biped.L, self.biped.g
+        angle, rate, F_T, F_H = measurement
         if seen is None:
-            seen = Seen(measurement.theta, measurement.omega, 0.0, 0.0)
+            theta, omega, missing_x, missing_y, gain_y = angle, rate, 0.0, 0.0, 1.0
         else:
-            seen = self.predicted(t, tau, seen)
-            angle_off, rate_off = measurement.theta - seen.theta, measurement.omega - seen.omega
+            theta, omega = self._ahead(seen.theta, seen.omega, tau, *self._force(t - 0.5 * self.period, seen))
+            angle_off, rate_off = angle - theta, rate - omega
             (a, b), (c, d), (e, f) = self.gain
-            seen = Seen(
-                seen.theta + a * angle_off + b * rate_off,
-                seen.omega + c * angle_off + d * rate_off,
-                seen.F_x + e * angle_off + f * rate_off,
-                seen.F_y,
-            )
+            theta, omega = theta + a * angle_off + b * rate_off, omega + c * angle_off + d * rate_off
+            missing_x, missing_y, gain_y = seen.F_x + e * angle_off + f * rate_off, seen.F_y, self.gain_y
+        seen = Seen(theta, omega, missing_x, missing_y)
         F_x, F_y = self._force(t, seen)
-        now = tau if tau_now is None else tau_now
+        s, c = math.sin(theta), math.cos(theta)
+        if tau_now is not None:
+            tau = tau_now
         if self.on_ground:
-            acceleration = _on_ground(biped, seen.theta, seen.omega, now, F_x, F_y)
+            acceleration = _on_ground(self.biped, theta, omega, tau, F_x, F_y)
         else:
-            acceleration = _acceleration(biped, seen.theta, now, F_x, F_y)
-        down = biped.M * biped.L * (acceleration * math.sin(seen.theta) + seen.omega**2 * math.cos(seen.theta))
-        apparent = biped.weight - (measurement.F_T + measurement.F_H) - down  # (5)-(7); at rest (16)
-        return seen._replace(F_y=seen.F_y + (1.0 if first else self.gain_y) * (apparent - F_y))
+            acceleration = ((M * g - F_y) * L * s + F_x * L * c + tau) / self.biped.I  # (2)
+        down = M * L * (acceleration * s + omega**2 * c)
+        apparent = self.biped.weight - (F_T + F_H) - down  # (5)-(7); at rest (16)
+        return Seen(theta, omega, missing_x, missing_y + gain_y * (apparent - F_y))
 
     def _ahead(self, theta: float, omega: float, tau: float, F_x: float, F_y: float) -> tuple[float, float]:
         """One period later, by a Runge-Kutta step of (1)-(2)."""
-        h, biped = self.period, self.biped
+        h, I, sin, cos = self.period, self.biped.I, math.sin, math.cos
         if self.on_ground:
-            k1 = _on_ground(biped, theta, omega, tau, F_x, F_y)
-            k2 = _on_ground(biped, theta + h / 2 * omega, omega + h / 2 * k1, tau, F_x, F_y)
-            k3 = _on_ground(biped, theta + h / 2 * omega + h * h / 4 * k1, omega + h / 2 * k2, tau, F_x, F_y)
-            k4 = _on_ground(biped, theta + h * omega + h * h / 2 * k2, omega + h * k3, tau, F_x, F_y)
-            return theta + h * omega + h * h / 6 * (k1 + k2 + k3), omega + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        k1 = _acceleration(biped, theta, tau, F_x, F_y)
-        k2 = _acceleration(biped, theta + h / 2 * omega, tau, F_x, F_y)
-        k3 = _acceleration(biped, theta + h / 2 * omega + h * h / 4 * k1, tau, F_x, F_y)
-        k4 = _acceleration(biped, theta + h * omega + h * h / 2 * k2, tau, F_x, F_y)
+            return _ahead_on_ground(self.biped, h, theta, omega, tau, F_x, F_y)
+        down, push = (self.biped.M * self.biped.g - F_y) * self.biped.L, F_x * self.biped.L
+        k1 = (down * sin(theta) + push * cos(theta) + tau) / I
+        middle = theta + h / 2 * omega
+        k2 = (down * sin(middle) + push * cos(middle) + tau) / I
+        middle += h * h / 4 * k1
+        k3 = (down * sin(middle) + push * cos(middle) + tau) / I
+        end = theta + h * omega + h * h / 2 * k2
+        k4 = (down * sin(end) + push * cos(end) + tau) / I
         return theta + h * omega + h * h / 6 * (k1 + k2 + k3), omega + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
-def _acceleration(biped: Biped, theta: float, tau: float, F_x: float, F_y: float) -> float:
-    M, L, I, g = biped.M, biped.L, biped.I, biped.g
-    return ((M * g - F_y) * L * math.sin(theta) + F_x * L * math.cos(theta) + tau) / I  # (2)
+def _ahead_on_ground(
+    biped: Biped, h: float, theta: float, omega: float, moment: float, F_x: float, F_y: float
+) -> tuple[float, float]:
+    """The same by the moments about the ground, which ask for the rate too."""
+    k1 = _on_ground(biped, theta, omega, moment, F_x, F_y)
+    k2 = _on_ground(biped, theta + h / 2 * omega, omega + h / 2 * k1, moment, F_x, F_y)
+    k3 = _on_ground(biped, theta + h / 2 * omega + h * h / 4 * k1, omega + h / 2 * k2, moment, F_x, F_y)
+    k4 = _on_ground(biped, theta + h * omega + h * h / 2 * k2, omega + h * k3, moment, F_x, F_y)
+    return theta + h * omega + h * h / 6 * (k1 + k2 + k3), omega + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
 def _on_ground(biped: Biped, theta: float, omega: float, moment: float, F_x: float, F_y: float) -> float:

@@ -97,13 +97,22 @@ def at_rest(loop: ClosedLoop, gains: Gains) -> tuple[float, float, float]:
     biped, law = loop.biped, loop.law
     if (biped.plain and law.target == 0.0) or law.kind == "pd" or gains.K_f == 0:
         return 0.0, 0.0, law.theta_d
-    rest = standing(biped, np.zeros((2, 1)), met(biped, law.target, law.biped))
-    theta, tau = float(rest.theta[0]), float(rest.tau[0])
+    theta, tau = rest(loop)
     if not math.isfinite(theta):
         return 0.0, 0.0, law.theta_d
     theta_d = theta if math.isfinite(law.adapt) else law.theta_d
-    pull = gains.K_f * (law.biped.weight / law.biped.ell if law.kind == "cop" else 1.0)
-    return theta, (tau - gains.K_p * (theta_d - theta)) / pull, theta_d
+    return theta, (tau - gains.K_p * (theta_d - theta)) / (gains.K_f * pull(loop)), theta_d
+
+
+def rest(loop: ClosedLoop) -> tuple[float, float]:
+    """Posture [rad] and torque [N m] in which an integrating law stands on level ground."""
+    found = standing(loop.biped, np.zeros((2, 1)), met(loop.biped, loop.law.target, loop.law.biped))
+    return float(found.theta[0]), float(found.tau[0])
+
+
+def pull(loop: ClosedLoop) -> float:
+    """What K_f s is multiplied by in the torque."""
+    return loop.law.biped.weight / loop.law.biped.ell if loop.law.kind == "cop" else 1.0
 
 
 def step_slope(loop: ClosedLoop, gains: Gains, step: float) -> Survival:
@@ -114,7 +123,7 @@ def step_slope(loop: ClosedLoop, gains: Gains, step: float) -> Survival:
         F = to_force(np.array([[angle]]))[:, 0]
         return _smallest_force(loop, gains, step, loop.start(theta, 0.0, s, theta_d), F)
 
-    return _largest(smallest_force, slope_limit(loop.biped, theta), both=_lopsided(loop))
+    return _largest(smallest_force, slope_limit(loop.biped, theta), both=lopsided(loop))
 
 
 def push(loop: ClosedLoop, gains: Gains, step: float) -> Survival:
@@ -125,10 +134,10 @@ def push(loop: ClosedLoop, gains: Gains, step: float) -> Survival:
         pushed = loop.start(theta, impulse * biped.L / biped.I, s, theta_d)
         return _smallest_force(loop, gains, step, pushed, np.zeros(2))
 
-    return _largest(smallest_force, push_limit(biped, theta), both=_lopsided(loop))
+    return _largest(smallest_force, push_limit(biped, theta), both=lopsided(loop))
 
 
-def _lopsided(loop: ClosedLoop) -> bool:
+def lopsided(loop: ClosedLoop) -> bool:
     """Whether the two directions are not alike."""
     return loop.law.theta_d != 0.0 or loop.law.target != 0.0 or not loop.biped.plain
 

@@ -40,15 +40,18 @@ RUNGE_KUTTA_LIMIT = 2.5
 NOTHING_STANDS = "where the force leaves no weight to speak of, no posture has its CoP at the target"
 
 
-def judge(setting: Setting, gains: Gains, extent: Literal["required", "all"] = "required") -> Verdict:
+def judge(
+    setting: Setting, gains: Gains, extent: Literal["required", "all"] = "required", also: Sequence[str] = ()
+) -> Verdict:
     """Check ``gains`` against every requirement of ``setting`` in every scenario.
 
-    ``all`` adds what the spec does not require: transients, loop margins, and the distance from the physical limit.
+    ``all`` adds what the spec does not require: transients, loop margins, and the distance from the physical limit;
+    ``also`` those kinds of row that hold one of these ids.
     """
     everything = extent == "all"
 
     def wanted(ids: Sequence[str]) -> bool:
-        return everything or any(row in setting.required for row in ids)
+        return everything or any(row in setting.required or row in also for row in ids)
 
     loop = setting.loop()
     bounds = limits(loop.plant, setting.required)

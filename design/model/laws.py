@@ -105,9 +105,9 @@ def law(kind: LawKind, biped: Biped, theta_d: float = 0.0, adapt: float = math.i
     x, memory = ca.SX.sym("x", 2), ca.SX.sym("memory", 2 if adapts else 1)
     K, forces = ca.SX.sym("K", 3), ca.SX.sym("F", 2)
     aim = desired(biped, adapt, memory[1], x[1]) if adapts else theta_d
-    rate = _memory_rate(kind, biped, forces[0], forces[1], target)
+    rate = gathered(kind, biped, forces[0], forces[1], target)
     if adapts:
-        rate = ca.vertcat(rate, _follow(biped, adapt, aim, x[0], rate))
+        rate = ca.vertcat(rate, followed(biped, adapt, aim, x[0], rate))
     return Law(
         kind=kind,
         biped=biped,
@@ -115,7 +115,7 @@ def law(kind: LawKind, biped: Biped, theta_d: float = 0.0, adapt: float = math.i
         adapt=adapt,
         target=target,
         torque=ca.Function(
-            "torque", [x, memory, K], [_torque(kind, biped, aim, x[0], x[1], memory[0], K)], ["x", "memory", "K"],
+            "torque", [x, memory, K], [torque_of(kind, biped, aim, x[0], x[1], memory[0], K)], ["x", "memory", "K"],
             ["tau"],
         ),
         memory_rate=ca.Function("memory_rate", [x, memory, forces], [rate]),
@@ -135,12 +135,13 @@ def desired(biped: Biped, adapt: float, eta: Any, omega: Any) -> Any:
     return eta - swing(biped, adapt) * omega
 
 
-def _follow(biped: Biped, adapt: float, aim: Any, theta: Any, gathering: Any) -> Any:
+def followed(biped: Biped, adapt: float, aim: Any, theta: Any, gathering: Any) -> Any:
     """How fast eta changes; ``gathering`` is s' (9)."""
     return (theta + biped.ell * gathering / (biped.M * biped.g * biped.L) - aim) / adapt
 
 
-def _torque(kind: LawKind, biped: Biped, theta_d: Any, theta: Any, omega: Any, s: Any, K: Any) -> Any:
+def torque_of(kind: LawKind, biped: Biped, theta_d: Any, theta: Any, omega: Any, s: Any, K: Any) -> Any:
+    """Tau [N m] (8), (20), of the body that the law knows: numbers, arrays or CasADi expressions."""
     posture = -K[1] * omega + K[0] * (theta_d - theta)
     if kind == "pd":
         return posture
@@ -149,7 +150,8 @@ def _torque(kind: LawKind, biped: Biped, theta_d: Any, theta: Any, omega: Any, s
     return posture + K[2] * (biped.weight / biped.ell) * s  # (20)
 
 
-def _memory_rate(kind: LawKind, biped: Biped, F_T: Any, F_H: Any, target: float) -> Any:
+def gathered(kind: LawKind, biped: Biped, F_T: Any, F_H: Any, target: float) -> Any:
+    """S' (9), (20)."""
     if kind == "pd":
         return 0.0 * F_T
     lean = biped.skew - target / biped.ell
@@ -176,8 +178,8 @@ class SampledLaw:
     def __call__(self, t: float, measurement: Measurement, memory: float) -> tuple[float, float]:
         """The torque [N m], and the integral after this period (N s for ``force``, m s for ``cop``)."""
         theta, omega, F_T, F_H = measurement
-        tau = _torque(self.kind, self.biped, self.theta_d, theta, omega, memory, self.gains)
-        return tau, memory + self.period * _memory_rate(self.kind, self.biped, F_T, F_H, self.target)
+        tau = torque_of(self.kind, self.biped, self.theta_d, theta, omega, memory, self.gains)
+        return tau, memory + self.period * gathered(self.kind, self.biped, F_T, F_H, self.target)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +209,7 @@ class AdaptingLaw:
         if eta is None:
             eta = self.theta_d + swing(self.biped, self.adapt) * omega
         aim = desired(self.biped, self.adapt, eta, omega)
-        tau = _torque("force", self.biped, aim, theta, omega, s, self.gains)
-        gathering = _memory_rate("force", self.biped, F_T, F_H, self.target)
-        eta += self.period * _follow(self.biped, self.adapt, aim, theta, gathering)
+        tau = torque_of("force", self.biped, aim, theta, omega, s, self.gains)
+        gathering = gathered("force", self.biped, F_T, F_H, self.target)
+        eta += self.period * followed(self.biped, self.adapt, aim, theta, gathering)
         return tau, (s + self.period * gathering, eta)

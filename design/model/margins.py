@@ -105,25 +105,74 @@ def loop_margins(
     biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf, beta: float = 0.0
 ) -> LoopMargins:
     """All margins of a loop that is stable; raises ``ValueError`` for one that is not."""
+    found = margin_pieces(biped, kind, K, A, load, adapt, beta)
+    broken = breaks(biped, kind, K, A, load, adapt, beta)["actuator"]
+    peak, _ = _peak(broken.P, broken.P + broken.Q)
+    disk_at, disk = min(found["disk-margin"], key=lambda pair: pair[1])
+
+    def least(id: str) -> float:
+        return min((value for _, value in found[id]), default=math.inf)
+
+    return LoopMargins(
+        gain_up=least("gain-margin-up"),
+        gain_down=max((value for _, value in found["gain-margin-down"]), default=0.0),
+        phase=least("phase-margin"),
+        modulus=1.0 / peak,
+        disk=disk,
+        disk_at=disk_at,
+        delay=least("delay-margin"),
+        force_delay=least("force-delay-margin"),
+        angle_delay=least("angle-delay-margin"),
+    )
+
+
+def margin_pieces(
+    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf, beta: float = 0.0
+) -> dict[str, list[tuple[float, float]]]:
+    """What each margin is the worst of, by row id: (frequency [rad/s], value), each smooth in the gains.
+
+    One for every crossing of unit gain or of the negative axis, and every peak of |S - T|. Phases in rad. Raises
+    ``ValueError`` for a loop that is not stable.
+    """
     at = breaks(biped, kind, K, A, load, adapt, beta)
     P, Q = at["actuator"].P, at["actuator"].Q
     if (P + Q).roots().real.max() >= 0:
         message = "the loop is not stable; it has no margins"
         raise ValueError(message)
     factors = _critical_gains(P, Q)
-    disk, disk_at = _peak(0.5 * (P - Q), P + Q)
-    peak, _ = _peak(P, P + Q)
-    return LoopMargins(
-        gain_up=min((k for k in factors if k > 1), default=math.inf),
-        gain_down=max((k for k in factors if 0 < k < 1), default=0.0),
-        phase=min((abs(_wrapped(_lag(P, Q, w))) for w in _unit_gain(P, Q)), default=math.inf),
-        modulus=1.0 / peak,
-        disk=1.0 / disk,
-        disk_at=disk_at,
-        delay=delay_margin(at["actuator"]),
-        force_delay=delay_margin(at["force"]) if "force" in at else math.inf,
-        angle_delay=delay_margin(at["angle"]),
-    )
+
+    def delays(broken: Break | None) -> list[tuple[float, float]]:
+        if broken is None:
+            return []
+        return [(w, _lag(broken.P, broken.Q, w) / w) for w in _unit_gain(broken.P, broken.Q)]
+
+    return {
+        "gain-margin-up": [(w, k) for w, k in factors if k > 1],
+        "gain-margin-down": [(w, k) for w, k in factors if 0 < k < 1],
+        "phase-margin": [(w, abs(_wrapped(_lag(P, Q, w)))) for w in _unit_gain(P, Q)],
+        "delay-margin": delays(at["actuator"]),
+        "force-delay-margin": delays(at.get("force")),
+        "angle-delay-margin": delays(at["angle"]),
+        "disk-margin": [(w, 1.0 / peak) for w, peak in _peaks(0.5 * (P - Q), P + Q) if peak > 0],
+    }
+
+
+def near_crossings(broken: Break, reach: float = 0.5) -> list[tuple[float, float, float]]:
+    """Where unit gain is nearly crossed: frequency [rad/s], lag to -1 there [rad], and gap of |Q/P| from 1.
+
+    Stationary points of |Q/P| up to ``reach`` from 1. The gap is positive for a maximum below 1 or a minimum above it;
+    when it closes, two crossings appear, and phase and delay margins jump.
+    """
+    a, b = _square(broken.Q), _square(broken.P)
+    slope = a.deriv() * b - a * b.deriv()
+    found = []
+    for w in _positive_roots(slope):
+        size = math.sqrt(float(a(w) / b(w)))
+        least = float(slope.deriv()(w)) > 0
+        gap = size - 1.0 if least else 1.0 - size
+        if abs(gap) <= reach:
+            found.append((math.sqrt(w), _lag(broken.P, broken.Q, math.sqrt(w)), gap))
+    return found
 
 
 def delay_margin(broken: Break) -> float:
@@ -171,29 +220,33 @@ def _wrapped(angle: float) -> float:
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
-def _critical_gains(P: Polynomial, Q: Polynomial) -> list[float]:
-    """Factors k of Q at which P + k Q has a root on the imaginary axis, k > 0."""
+def _critical_gains(P: Polynomial, Q: Polynomial) -> list[tuple[float, float]]:
+    """Frequencies, and factors k > 0 of Q at which P + k Q has a root on the imaginary axis there."""
     P_even, P_odd = _parts(P)
     Q_even, Q_odd = _parts(Q)
     crossings = _positive_roots(P_odd * Q_even - P_even * Q_odd)  # where Q/P is real
     found = []
     for w in crossings:
         s = 1j * math.sqrt(w)
-        found.append(float(-(P(s) / Q(s)).real))
+        found.append((math.sqrt(w), float(-(P(s) / Q(s)).real)))
     if Q(0.0) != 0:  # a root through the origin
-        found.append(float(-P(0.0) / Q(0.0)))
-    return [k for k in found if k > 0]
+        found.append((0.0, float(-P(0.0) / Q(0.0))))
+    return [(w, k) for w, k in found if k > 0]
+
+
+def _peaks(above: Polynomial, below: Polynomial) -> list[tuple[float, float]]:
+    """Frequencies [rad/s], infinity included, where |above/below| on the imaginary axis is stationary; its values."""
+    a, b = _square(above), _square(below)
+    candidates = [0.0, *_positive_roots(a.deriv() * b - a * b.deriv())]
+    found = [(math.sqrt(w), math.sqrt(float(a(w) / b(w)))) for w in candidates]
+    end = above.coef[-1] / below.coef[-1] if len(above.coef) == len(below.coef) else 0.0
+    return [*found, (math.inf, abs(float(end)))]
 
 
 def _peak(above: Polynomial, below: Polynomial) -> tuple[float, float]:
-    """The largest |above/below| on the imaginary axis, infinity included, and its frequency [rad/s]."""
-    a, b = _square(above), _square(below)
-    candidates = [0.0, *_positive_roots(a.deriv() * b - a * b.deriv())]
-    values = [(float(a(w) / b(w)), math.sqrt(w)) for w in candidates]
-    end = above.coef[-1] / below.coef[-1] if len(above.coef) == len(below.coef) else 0.0
-    values.append((float(end) ** 2, math.inf))
-    best = max(values)
-    return math.sqrt(best[0]), best[1]
+    """The largest |above/below| on the imaginary axis, and its frequency [rad/s]."""
+    at, most = max(_peaks(above, below), key=lambda pair: pair[::-1])
+    return most, at
 
 
 def sampled_matrix(

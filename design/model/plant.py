@@ -61,33 +61,33 @@ def body_numbers(biped: Biped) -> tuple[float, ...]:
 
 
 def held(count: int) -> ca.Function:
-    """Any biped under a held torque: (x (2), tau, body (8), u (7, count), F (2)) -> x after, contact, forces.
+    """Any biped under a held torque: (x (2), tau, body (8), drive (7 count + 2)) -> after (5), contact (3, count).
 
-    ``body`` is ``body_numbers``; each column of u is a step, (h, F at its start, middle and end), by the classical
-    fourth-order Runge-Kutta method. Contact (3, count) on the way: the smaller of the values at both ends of each step
-    of F_T, F_H [N], and the distance of P from the nearer end of the foot [m]. The forces are F_T and F_H [N] at the
-    end, under the force F that comes then.
+    ``body`` is ``body_numbers``. The drive is ``count`` steps of (h, F at its start, middle and end), by the classical
+    fourth-order Runge-Kutta method, and then the force that comes afterwards. After is x, F_T and F_H [N] under that
+    force, and 1 where neither end of the foot was ever pulled, else 0. Contact on the way: the smaller of the values at
+    both ends of each step of F_T, F_H [N], and the distance of P from the nearer end of the foot [m].
     """
-    x, tau, body, u = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 8), ca.SX.sym("u", 7)
-    h, start, middle, end = u[0], u[1:3], u[3:5], u[5:7]
+    x, tau, body, drive = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 8), ca.SX.sym("drive", 7 * count + 2)
     numbers = ca.vertsplit(body)
-    k1, first, P_first, _ = _equations(numbers, x, tau, start)
-    k2, *_ = _equations(numbers, x + h / 2 * k1, tau, middle)
-    k3, *_ = _equations(numbers, x + h / 2 * k2, tau, middle)
-    k4, *_ = _equations(numbers, x + h * k3, tau, end)
-    following = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    _, last, P_last, _ = _equations(numbers, following, tau, end)
     toe, heel = body[4] * (1 + body[6]), body[4] * (1 - body[6])
-    inside = ca.fmin(toe - ca.fmax(P_first, P_last), heel + ca.fmin(P_first, P_last))
-    contact = ca.vertcat(ca.fmin(first, last), inside)
-    step = ca.Function("step", [x, tau, body, u], [following, contact], {"cse": True})
-    given = [ca.MX.sym("x", 2), ca.MX.sym("tau"), ca.MX.sym("body", 8), ca.MX.sym("u", 7, count), ca.MX.sym("F", 2)]
-    march = step.mapaccum("march", count)
-    states, along = march(given[0], ca.repmat(given[1], 1, count), ca.repmat(given[2], 1, count), given[3])
-    forces = reactions()(states[:, -1], given[1], given[2], given[4])
-    return ca.Function(
-        "held", given, [states[:, -1], along, forces], ["x", "tau", "body", "u", "F"], ["x_next", "contact", "forces"]
-    )
+    following, along, kept = x, [], ca.SX(1)
+    for k in range(count):
+        u = drive[7 * k : 7 * k + 7]
+        h, start, middle, end = u[0], u[1:3], u[3:5], u[5:7]
+        k1, first, P_first, _ = _equations(numbers, following, tau, start)
+        k2, *_ = _equations(numbers, following + h / 2 * k1, tau, middle)
+        k3, *_ = _equations(numbers, following + h / 2 * k2, tau, middle)
+        k4, *_ = _equations(numbers, following + h * k3, tau, end)
+        following = following + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        _, last, P_last, _ = _equations(numbers, following, tau, end)
+        least = ca.fmin(first, last)
+        inside = ca.fmin(toe - ca.fmax(P_first, P_last), heel + ca.fmin(P_first, P_last))
+        along += [least, inside]
+        kept *= (least[0] >= 0) * (least[1] >= 0)
+    after = ca.vertcat(following, _equations(numbers, following, tau, drive[7 * count :])[1], kept)
+    names = ["x", "tau", "body", "drive"], ["after", "contact"]
+    return ca.Function("held", [x, tau, body, drive], [after, ca.vertcat(*along)], *names, {"cse": True})
 
 
 def reactions() -> ca.Function:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from design.analysis.synthesis import OBJECTIVE_UNITS, Active, Answer
+from design.analysis.objectives import OBJECTIVES
+from design.analysis.synthesis import Active, Answer
 from design.present import store
 from design.present.text import Paint, gains_line, number, report_table, wrapped
 from design.spec.load import Source
@@ -25,9 +26,9 @@ def document(source: Source, setting: Setting, answer: Answer) -> dict[str, Any]
         law=setting.law,
         gains=store.gains_json(found.gains) if solved and found else None,
         objective={
-            "id": setting.maximise,
+            "id": setting.objective,
             "value": found.value if solved and found else None,
-            "unit": OBJECTIVE_UNITS[setting.maximise],
+            "unit": OBJECTIVES[setting.objective].unit,
         },
         active=[_active(each) for each in found.active] if solved and found else [],
         starts={
@@ -45,7 +46,7 @@ def document(source: Source, setting: Setting, answer: Answer) -> dict[str, Any]
 def text(source: Source, setting: Setting, answer: Answer, paint: Paint) -> str:
     """The answer in words."""
     outcome = answer.outcome
-    head = f"{source.spec.name}: maximise {setting.maximise}, law {setting.law}"
+    head = f"{source.spec.name}: {OBJECTIVES[setting.objective].verb} {setting.objective}, law {setting.law}"
     if outcome.status.word != "solved":
         style = {"infeasible": "bad"}.get(outcome.status.word, "doubt")
         lines = [head, "", paint(outcome.status.word.upper(), style), *wrapped(outcome.status.value)]
@@ -58,7 +59,7 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint) -> str:
         head,
         "",
         f"  {gains_line(found.gains, setting.law)}",
-        f"  {setting.maximise} = {_value(setting, found.value, 8)}",
+        f"  {setting.objective} = {_value(setting, found.value, 8)}",
         f"  solved; {found.reached} of {found.starts} starts reached it; confirmed by an independent integrator",
         "",
         "What holds it:",
@@ -82,7 +83,7 @@ def _before(setting: Setting, answer: Answer) -> list[str]:
 
 
 def _value(setting: Setting, value: float, digits: int) -> str:
-    unit = OBJECTIVE_UNITS[setting.maximise]
+    unit = OBJECTIVES[setting.objective].unit
     return f"{value:.{digits}g}" + ("" if unit == "1" else f" {unit}")
 
 

@@ -230,15 +230,34 @@ class BoundsTable(Table):
         return self
 
 
-Objective = Literal["decay-rate", "contact-force", "cop-margin", "routh-margin"]
+Maximised = Literal[
+    "decay-rate", "contact-force", "cop-margin", "routh-margin", "gain-margin-up", "phase-margin", "delay-margin",
+    "force-delay-margin", "angle-delay-margin", "disk-margin", "sample-time", "step-slope", "push", "slope-rate",
+]  # fmt: skip
+Minimised = Literal[
+    "goals", "torque", "torque-rate", "friction", "settling", "overshoot", "posture-error", "gain-margin-down"
+]
 
 
 class SynthesisTable(Table):
     """What ``synthesize`` looks for, and where."""
 
-    maximise: Objective = Field(default="decay-rate", description="the margin to maximise")
+    maximise: Maximised | None = Field(default=None, description="the row to make large; decay-rate if left out")
+    minimise: Minimised | None = Field(
+        default=None, description="the row to make small instead; goals: the largest of the soft requirements"
+    )
     starts: int = Field(default=3, ge=1, le=1000, description="number of starting points")
+    robust: bool = Field(default=True, description="for every body and world within [uncertainty]; false: the nominal")
     bounds: BoundsTable | None = Field(default=None, description="bounds of the gains")
+
+    @model_validator(mode="after")
+    def _one(self) -> SynthesisTable:
+        if self.maximise is not None and self.minimise is not None:
+            message = (
+                f"maximise = {self.maximise!r} and minimise = {self.minimise!r}: a design has one objective; keep one"
+            )
+            raise ValueError(message)
+        return self
 
 
 class SimulationTable(Table):

@@ -21,7 +21,6 @@ from design.model.uncertainty import Spread, Tolerances
 from design.spec.schema import (
     AnyScenario,
     ForceTable,
-    Objective,
     PlatformTable,
     RequirementsTable,
     SlopeTable,
@@ -34,10 +33,12 @@ from design.spec.study_tables import MpcTable, NoiseTable, StudyTable, Tolerance
 class Setting:
     """What a spec says, ready to compute with.
 
-    ``required`` maps a row's id (and ``contact-force`` for toe and heel) to its level in the row's unit. ``bounds``
-    (3, 2): lower and upper (K_p, K_d, K_f), or None. ``step`` is the Runge-Kutta step [s]. ``adapt``: the time [s]
-    within which theta_d follows the estimated posture, infinite where it is fixed. ``known``: the body that the law
-    reckons with, where ``biped`` is another. ``target``: where the CoP is to come to rest, P_d [m].
+    ``required`` maps a row's id (and ``contact-force`` for toe and heel) to its level in the row's unit. ``objective``:
+    the row that gains are sought for (``design.analysis.objectives``); ``robust``: for every body within
+    ``tolerances``. ``bounds`` (3, 2): lower and upper (K_p, K_d, K_f), or None. ``step`` is the Runge-Kutta step [s].
+    ``adapt``: the time [s] within which theta_d follows the estimated posture, infinite where it is fixed. ``known``:
+    the body that the law reckons with, where ``biped`` is another. ``target``: where the CoP is to come to rest, P_d
+    [m].
     """
 
     name: str
@@ -48,7 +49,8 @@ class Setting:
     adapt: float
     gains: Gains | None
     required: dict[str, Required]
-    maximise: Objective
+    objective: str
+    robust: bool
     starts: int
     bounds: np.ndarray | None
     step: float
@@ -156,7 +158,8 @@ def setting(spec: Spec) -> Setting:
         gains=_usable(written, spec.law.kind),
         written=written,
         required=_required(spec.requirements),
-        maximise=spec.synthesis.maximise,
+        objective=spec.synthesis.maximise or spec.synthesis.minimise or "decay-rate",
+        robust=spec.synthesis.robust,
         starts=spec.synthesis.starts,
         bounds=None if bounds is None else np.array([bounds.kp, bounds.kd, bounds.kf or [np.nan] * 2], dtype=float),
         step=spec.simulation.time_step_s,

@@ -110,6 +110,12 @@ def _problem(text: str) -> Setting:
     return setting(parse(text, origin="study").spec)
 
 
+@lru_cache(maxsize=8)
+def _world(text: str, scenario: str, trial: int, seed: int) -> World:
+    """The world of a trial, and with it what is known by it, for all controllers that a worker puts into it."""
+    return world(_problem(text), scenario, trial, seed)
+
+
 def perform(case: Case, task: Task) -> Row:
     """The row of ``task``; runs in a worker. Never raises for what a controller does."""
     with _ONE_AT_A_TIME:
@@ -122,7 +128,7 @@ def _perform(case: Case, task: Task) -> Row:
     head = {"controller": task.controller, "scenario": task.scenario, "trial": task.trial}
     if task.trial is None:
         return {**head, **survived(task.scenario, task.controller, problem, gains)}
-    real = world(problem, task.scenario, task.trial, case.seed)
+    real = _world(case.text, task.scenario, task.trial, case.seed)
     control = controller(task.controller, problem, gains, real.scenario)
     happened = run(real, control, actuator(problem), problem.step)
     row = {**head, **measures(real, happened)}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -63,11 +64,15 @@ class Run:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Course:
-    """A scenario cut into control periods at ``t`` (n,): integration steps ``u`` (n, 7, k), ``force`` (2, n)."""
+    """A scenario cut into control periods at ``t`` (n,): integration steps ``u`` (n, 7, k), ``force`` (2, n).
+
+    ``drive`` (n, 7 k + 2): the same as ``design.model.plant.held`` takes it, each period's steps and the force after.
+    """
 
     t: Array
     u: Array
     force: Array
+    drive: Array
 
 
 @lru_cache(maxsize=8)
@@ -84,9 +89,13 @@ def course(scenario: Scenario, period: float, step: float) -> Course:
     used = np.bincount(of, minlength=count)
     u = np.zeros((count, 7, int(used.max())))
     u[of, :, np.arange(len(of)) - np.searchsorted(of, of)] = steps
-    for k in np.flatnonzero(used < used.max()):  # filled up with steps of no length
-        u[k, 1:, used[k] :] = np.tile(u[k, 5:7, used[k] - 1], 3)[:, None]
-    return Course(t=t, u=u, force=scenario.force_at(t))
+    last = np.tile(u[np.arange(count), 5:7, used - 1], 3)
+    for j in range(int(used.min()), int(used.max())):  # filled up with steps of no length
+        u[used <= j, 1:, j] = last[used <= j]
+    force = scenario.force_at(t)
+    ahead = np.column_stack([force[:, 1:], force[:, -1:]]).T
+    drive = np.column_stack([u.transpose(0, 2, 1).reshape(count, -1), ahead])
+    return Course(t=t, u=u, force=force, drive=drive)
 
 
 @lru_cache(maxsize=16)
@@ -98,53 +107,63 @@ def run(world: World, controller: Controller[Any], actuator: Actuator, step: flo
     """Run ``controller`` through ``world``; never raises for what the controller does."""
     biped, scenario, sensors = world.biped, world.scenario, world.sensors
     way = course(scenario, actuator.period, step)
-    count = len(way.t)
     plant, reaction = _plant(way.u.shape[2])
     body = list(body_numbers(biped))
-    states, torque = np.full((2, count + 1), np.nan), np.full(count, np.nan)
-    contact, seconds = np.full((3, count), np.nan), np.full(count, np.nan)
-    x = np.array([scenario.theta0, scenario.omega0])
-    delay = round(sensors.delay / actuator.period)
-    then = reaction(x=x, tau=0.0, body=body, F=0.0)["forces"].tolist()
-    readings = [Measurement(scenario.theta0, scenario.omega0, *then)] * delay  # before the start
+    plant.given["body"][:] = body
+    x, held_torque, drive = plant.given["x"], plant.given["tau"], plant.given["drive"]
+    after, along = (plant.found[name] for name in ("after", "contact"))
+    contact = np.full((len(way.t), len(along)), np.nan)
+    states, torque, seconds = [(scenario.theta0, scenario.omega0)], [], []
+    before = reaction(x=states[0], tau=0.0, body=body, F=0.0)["forces"].tolist()
+    start = reaction(x=states[0], tau=0.0, body=body, F=way.force[:, 0])["forces"].tolist()
+    readings = deque([Measurement(*states[0], *before)] * round(sensors.delay / actuator.period))
+    readings.append(Measurement(*states[0], *start))
+    draws = None if world.draws is None else world.draws.tolist()
     tau, lost, fallen, failed = 0.0, None, None, ""
-    forces = reaction(x=x, tau=tau, body=body, F=way.force[:, 0])["forces"]
-    ahead = np.column_stack([way.force[:, 1:], way.force[:, -1:]]).T
     memory: Any = None
-    k = -1
-    for k in range(count):
-        states[:, k] = x
-        readings.append(Measurement(*x.tolist(), *forces.tolist()))
-        told = readings[k] if world.draws is None else sensors.reading(readings[k], world.draws[k])
+    for k, t in enumerate(way.t.tolist()):
+        told = readings.popleft()
+        if draws is not None:
+            told = sensors.reading(told, draws[k])
         began = time.perf_counter()
         try:
             if k == 0:
                 memory = controller.start()
-            wanted, memory = controller(float(way.t[k]), told, memory)
+            wanted, memory = controller(t, told, memory)
         except Exception as error:
             failed = f"{type(error).__name__}: {error}"[:200]
             break
-        seconds[k] = time.perf_counter() - began
+        seconds.append(time.perf_counter() - began)
         if not math.isfinite(wanted):
             failed = f"the controller gave {wanted}"
             break
         tau = actuator.given(wanted, tau)
-        torque[k] = tau
-        after = plant(x=x, tau=tau, body=body, u=way.u[k].T.ravel(), F=ahead[k])
-        x, forces, along = after["x_next"].copy(), after["forces"], after["contact"].reshape(-1, 3).T
-        contact[:, k] = along.min(axis=1)
-        if not (contact[0, k] >= 0 and contact[1, k] >= 0):
-            lost = _lost(along, way.u[k], float(way.t[k]))
+        torque.append(tau)
+        x[:], held_torque[0], drive[:] = states[-1], tau, way.drive[k]
+        plant.run()
+        theta, omega, F_T, F_H, kept = after.tolist()
+        states.append((theta, omega))
+        contact[k] = along
+        if not kept:
+            lost = _lost(along.reshape(-1, 3).T, way.u[k], t)
             break
-        if not abs(x[0]) < FALLEN:
-            fallen = float(way.t[k]) + actuator.period
+        if not abs(theta) < FALLEN:
+            fallen = t + actuator.period
             break
-    states[:, k + 1] = x
+        readings.append(Measurement(theta, omega, F_T, F_H))
     n = k + 1
+    if failed:  # the period that nothing is known of
+        states.append(states[-1])
     return Run(
-        t=way.t[:n], states=states[:, : n + 1], torque=torque[:n], contact=contact[:, :n], seconds=seconds[:n],
+        t=way.t[:n], states=np.array(states).T, torque=_filled(torque, n),
+        contact=contact[:n].reshape(n, -1, 3).min(axis=1).T, seconds=_filled(seconds, n),
         lost=lost, fallen=fallen, failed=failed, memory=memory,
     )  # fmt: skip
+
+
+def _filled(values: list[float], count: int) -> Array:
+    """The ``values`` (count,), with NaN where a trial ended before there was one."""
+    return np.array(values + [math.nan] * (count - len(values)))
 
 
 def _lost(along: Array, u: Array, start: float) -> tuple[float, str]:

@@ -2,14 +2,18 @@
 
 ::
 
-    maximise    v                                          the chosen margin, see below
+    maximise    v                                          the chosen row, in its scale
     over        K = (K_p, K_d, K_f) in its bounds
     subject to  poles of (24) at -sigma or left of it, for every A of every scenario, i.e. (26)-(29)
                 F_T(t), F_H(t) >= required                 at every sample of every scenario
                 the spec's other hard requirements         likewise
 
-``decay-rate``: v = sigma. ``contact-force``: v <= F_T(t), F_H(t). ``cop-margin``: v <= ell - |P(t)|.
-``routh-margin``: v <= each normalised slack of (27)-(29), see ``design.model.stability.normalised_slacks``.
+for one body, or for several at once. Every row of the report may be the objective or a requirement:
+
+*Sampled* rows (contact, CoP, torque, friction) are taken at samples of the trajectory, ``routh-margin`` and
+``decay-rate`` from the polynomial. ``step-slope`` and ``push`` are scenarios of their own, whose disturbance has the
+required size, or grows with v. The others (loop margins, sampling, transients) are *modelled*: see ``modelled`` and
+``sequential``. ``goals`` is v <= (value - level)/size of every soft requirement: its largest shortfall is minimised.
 
 *The poles.* The tests q_2 >= 0, q_0 >= 0, q_2 q_1 >= q_0 on the polynomial shifted by sigma are not enough when they
 are closed, as constraints of a program are: q_2 = q_0 = 0 with q_1 < 0 passes them, with a pole on the right,
@@ -32,8 +36,9 @@ nothing with this program; if they disagree with the solver, they win.
 says which requirement stands in the way, and by how much the best point misses it.
 """
 
-from problems.gains.program import Point, Read, pose
-from problems.gains.question import Grid, Question, question_decay
+from problems.gains.grid import Grid, Point
+from problems.gains.program import Read, pose
+from problems.gains.question import Question, question_decay
 from problems.gains.search import solve
 
 __all__ = ["Grid", "Point", "Question", "Read", "pose", "question_decay", "solve"]

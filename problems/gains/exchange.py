@@ -7,6 +7,7 @@ the samples seen, and the difference that this makes is measured at each answer 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -14,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.solvers.nlp import Ipopt
-from problems.gains.program import Point, pose
-from problems.gains.question import Goal, Grid, Instants
+from problems.gains.grid import Grid, Instants, Point
+from problems.gains.modelled import Model
+from problems.gains.program import pose
 
 Array = NDArray[np.float64]
 
@@ -39,20 +41,32 @@ class Local:
     said: str
 
 
-def exchange(grid: Grid, goal: Goal, start: Point, instants: Instants, deadline: float, *, near: bool = False) -> Local:
-    """Solve on ``instants``, add what the answer violates, and repeat until nothing on ``grid`` is violated."""
+def exchange(
+    grid: Grid,
+    start: Point,
+    instants: Instants,
+    deadline: float,
+    *,
+    near: bool = False,
+    models: Sequence[Model] = (),
+    reach: tuple[Array, float] | None = None,
+) -> Local:
+    """Solve on ``instants``, add what the answer violates, and repeat until nothing on ``grid`` is violated.
+
+    ``models`` and ``reach`` as in ``pose``.
+    """
     said = "round limit"
     tolerance, iterations = (COARSE_TOLERANCE, 120) if grid.exact else (1e-9, 300)
-    shift = None if grid.exact else _first_shift(grid, goal, start, instants)
+    shift = None if grid.exact else _first_shift(grid, start, instants)
     for round_ in range(ROUNDS):
-        program, read = pose(grid, goal, instants, shift)
+        program, read = pose(grid, instants, shift, models, reach)
         seconds = max(deadline - time.monotonic(), 0.01)
         solver = Ipopt(program, tolerance=tolerance, seconds=seconds, iterations=iterations)
         answer = solver.solve(read.start(start), near=near)
         if near and not answer.solved:
             answer = solver.solve(read.start(start))
         point, said = read.point(answer.x), answer.said
-        margins = grid.margins(point.gains, goal, point.v)
+        margins = grid.margins(point)
         if margins is None or not answer.solved:
             return Local(point=point, instants=instants, converged=False, said=said)
         added = lowest_below(-VIOLATED - 10 * tolerance, margins, instants, reach=2 if grid.exact else 5)
@@ -69,12 +83,12 @@ def exchange(grid: Grid, goal: Goal, start: Point, instants: Instants, deadline:
     return Local(point=start, instants=instants, converged=False, said=said)
 
 
-def _first_shift(grid: Grid, goal: Goal, start: Point, instants: Instants) -> Array | None:
+def _first_shift(grid: Grid, start: Point, instants: Instants) -> Array | None:
     """What to add to the rows of the first program, measured at the start."""
-    margins = grid.margins(start.gains, goal, start.v)
+    margins = grid.margins(start)
     if margins is None:
         return None
-    program, read = pose(grid, goal, instants)
+    program, read = pose(grid, instants)
     rows = ca.Function("rows", [program.x], [program.g])(read.start(start)).full().ravel()
     return _shift(margins, instants, instants, rows, None)
 

@@ -5,6 +5,7 @@ Statement and reasons: see ``problems.gains``. Rows, objective and decay rates a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,27 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.model.laws import Gains
-from design.model.stability import characteristic, normalised_slacks, shifted
+from design.model.stability import shifted
 from design.solvers.nlp import Nlp
-from problems.gains.question import BACKOFF, Goal, Grid, Instants, Question, limit_margins, objective_rows
+from problems.gains.goal import Goal
+from problems.gains.grid import BACKOFF, Grid, Instants, Point
+from problems.gains.modelled import Model, margins
+from problems.gains.question import SURVIVALS, Environment, Question
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Point:
-    """A point of the program: gains, and the objective ``v`` in its scale."""
-
-    gains: Gains
-    v: float
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
 class Read:
-    """Between named quantities and the solver's vector: x = (K/scale, v, factors of each environment)."""
+    """Between named quantities and the solver's vector: x = (K/scale, v, factors of each polynomial).
+
+    ``sampled`` rows come first in g, then what the poles and the models give.
+    """
 
     question: Question
     goal: Goal
+    sampled: int
 
     def point(self, x: Array) -> Point:
         """The gains and the objective in ``x``."""
@@ -43,12 +43,9 @@ class Read:
     def start(self, point: Point) -> Array:
         """A vector whose factors fit the poles of ``point`` as well as they can."""
         question = self.question
-        rate = _sigma(question, self.goal, point.v)
         factors: list[float] = []
-        for A, load in question.environments:
-            p = characteristic(
-                question.setting.biped, question.setting.law, point.gains, A, load, question.setting.adapt
-            )
+        for each, rate in pole_sets(question, self.goal, point.v):
+            p = each.coefficients(point.gains)
             roots = np.roots([1.0, *shifted([float(c) for c in p], rate)]) / question.pace
             roots = np.minimum(roots.real, -1e-3) + 1j * roots.imag
             if len(p) == 2:
@@ -64,48 +61,62 @@ class Read:
         return np.array([*(np.array(point.gains) / question.scale), point.v, *factors])
 
 
-def _sigma(question: Question, goal: Goal, v: Any) -> Any:
-    """The decay rate that the poles must have [1/s]."""
-    if goal == "decay-rate":
-        return v * question.pace
-    if goal == "feasibility":
-        return question.decay + v * question.pace
-    return question.decay * (1 + BACKOFF)
+def pole_sets(question: Question, goal: Goal, v: Any) -> list[tuple[Environment, Any]]:
+    """The environments, and the decay rate that the poles must have there [1/s]."""
+    if goal.id == "decay-rate":
+        sigma = v * question.pace
+    elif goal.id == "feasibility":
+        sigma = question.decay + v * question.pace
+    else:
+        sigma = question.decay * (1 + BACKOFF)
+    found = [(each, sigma) for each in question.environments]
+    wish = question.wish("decay-rate")
+    if goal.id == "goals" and wish is not None:
+        found += [(each, wish + v * question.size_of("decay-rate")) for each in question.environments]
+    return found
 
 
-def pose(grid: Grid, goal: Goal, instants: Instants, shift: Array | None = None) -> tuple[Nlp, Read]:
-    """The program that sees the samples ``instants`` of each scenario; ``shift`` is added to its sampled rows.
+def pose(
+    grid: Grid,
+    instants: Instants,
+    shift: Array | None = None,
+    models: Sequence[Model] = (),
+    reach: tuple[Array, float] | None = None,
+) -> tuple[Nlp, Read]:
+    """The program that sees the samples ``instants`` of each case; ``shift`` is added to its sampled rows.
 
-    The sampled rows come first: by scenario, then by sample, then in the order of ``Grid.margins``.
+    The sampled rows come first: by case, then by sample, then in the order of ``Grid.margins``. ``models`` are of
+    the rows that are not sampled; with ``reach`` = (u, radius) the gains stay so near to u, in their scale.
     """
-    question = grid.question
-    setting, loop = question.setting, question.loop
+    question, goal = grid.question, grid.goal
     u, v = ca.MX.sym("u", 3), ca.MX.sym("v")
     K = u * ca.DM(question.scale)
+    p = ca.vertcat(K, v)
     rows: list[Any] = []
     equal: list[Any] = []
 
-    for motion, chosen in grid.motions(instants):
+    for case, motion, chosen in grid.motions(instants):
         if not chosen:
             continue
         n = len(chosen)
-        z = motion.states(chosen)(K)
-        F = ca.DM(motion.steps.force[:, chosen])
-        tau = loop.torque.map(n)(z, ca.repmat(K, 1, n))
+        z = motion.states(chosen)(p[: motion.free])
+        F = motion.force(chosen, p)
+        tau = case.loop.torque.map(n)(z, ca.repmat(K, 1, n))
         parts = [
-            part
-            for limit in question.limits
-            for part in limit_margins(limit, limit.quantity.map(n)(z[:2, :], tau, F), goal, v)
+            part for limit in case.limits for part in grid.rows(case, limit, limit.quantity.map(n)(z[:2, :], tau, F), v)
         ]
         if parts:
             rows.append(ca.vec(ca.vertcat(*parts)))
     if shift is not None and rows:
         rows = [ca.vertcat(*rows) + ca.DM(shift)]
+    sampled = sum(row.numel() for row in rows)
+    rows += [row - of * v for each in models for row, of in margins(question, goal, each.id, each(u), gap=each.gap)]
+    if goal.gain is not None:
+        rows.append(-u[goal.gain] * question.scale[goal.gain] / goal.scale - v)
 
     factors = []
-    for A, load in question.environments:
-        p = characteristic(setting.biped, setting.law, ca.vertsplit(K), A, load, setting.adapt)
-        q = shifted(p, _sigma(question, goal, v))
+    for each, sigma in pole_sets(question, goal, v):
+        q = shifted(each.coefficients(ca.vertsplit(K)), sigma)
         a, b, c, d = (ca.MX.sym(name) for name in "abcd")
         if len(q) == 2:
             factors += [b, c]
@@ -117,32 +128,41 @@ def pose(grid: Grid, goal: Goal, instants: Instants, shift: Array | None = None)
             factors += [a, b, c]
             product = (a + b, a * b + c, a * c)
         equal += [q[k] / question.pace ** (k + 1) - product[k] for k in range(len(q))]
-        if goal == "routh-margin":
-            rows += [slack - v for slack in normalised_slacks(setting.biped, setting.law, ca.vertsplit(K), A, load)]
+    if goal.id == "routh-margin":
+        rows += [slack - v for each in question.environments for slack in each.slacks(ca.vertsplit(K))]
 
     free = len(factors)
     low, high = objective_range(question, goal)
-    smallest = np.where(question.lower > 0, question.lower, 1e-9 * question.upper)  # poles and slacks divide by gains
+    lower = np.where(question.lower > 0, question.lower, 1e-9 * question.upper) / question.scale  # poles divide by K
+    upper = question.upper / question.scale
+    if reach is not None:
+        centre, radius = reach
+        lower, upper = np.clip(centre - radius, lower, upper), np.clip(centre + radius, lower, upper)
     count = sum(row.numel() for row in rows)
     program = Nlp(
         x=ca.vertcat(u, v, *factors),
         f=-v,
         g=ca.vertcat(*rows, *equal),
-        x_lower=np.array([*(smallest / question.scale), low, *np.zeros(free)]),
-        x_upper=np.array([*(question.upper / question.scale), high, *np.full(free, np.inf)]),
+        x_lower=np.array([*lower, low, *np.zeros(free)]),
+        x_upper=np.array([*upper, high, *np.full(free, np.inf)]),
         lower=np.zeros(count + len(equal)),
         upper=np.array([*np.full(count, np.inf), *np.zeros(len(equal))]),
     )
-    return program, Read(question=question, goal=goal)
+    return program, Read(question=question, goal=goal, sampled=sampled)
 
 
 def objective_range(question: Question, goal: Goal) -> tuple[float, float]:
     """Bounds of v: below, what is required of the objective itself; above, where more needs no effort."""
-    if goal == "decay-rate":
+    if goal.id == "decay-rate":
         return question.decay / question.pace * (1 + BACKOFF), np.inf
-    if goal == "feasibility":
+    if goal.id == "feasibility":
         return -np.inf, 1e-3
-    if goal == "routh-margin":
+    if goal.id == "routh-margin":
         return 0.0, 1.0
-    levels = [(limit.hard_level or 0.0) / limit.scale for limit in question.limits if limit.id in objective_rows(goal)]
-    return max(levels) + BACKOFF, np.inf
+    if goal.id == "goals":
+        return -1e3, np.inf
+    if goal.id in ("contact-force", "cop-margin"):
+        return (question.level(goal.id) or 0.0) / goal.scale + BACKOFF, np.inf
+    level = question.level(goal.id)
+    least, most = (0.0, 1.5) if goal.id in SURVIVALS else (-np.inf, np.inf)  # in parts of the physical limit
+    return (least, most) if level is None else (max(least, goal.v(level) + BACKOFF), most)

@@ -1,76 +1,103 @@
-"""What does not change while gains are sought: loop, limits, environments, bounds, scales; and the time grids.
+"""What does not change while gains are sought: bodies, scenarios, requirements, bounds, poles, scales.
 
-``Question`` is built once of a setting, a ``Grid`` once for each resolution.
+A question is asked about one body, or about several at once (``beside``): every requirement then holds for each.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from design.analysis.motion import Motion
+from design.analysis.motion import Sized
+from design.analysis.objectives import OBJECTIVES
 from design.analysis.rows import Verdict
-from design.analysis.simulate import FALLEN, all_quantities
+from design.analysis.survival import HORIZON, lopsided, push_limit, slope_limit
 from design.errors import BadInput
 from design.model.closed_loop import ClosedLoop
-from design.model.environment import Steps
+from design.model.environment import Scenario, slope
 from design.model.laws import Gains
 from design.model.limits import Limit, Required, limits
-from design.model.stability import characteristic, deciding_points, normalised_slacks
+from design.model.stability import characteristic, normalised_slacks, polynomial_map
+from design.model.standing import Place, standing
 from design.spec.setting import Setting
+from problems.gains.goal import FEASIBILITY, Goal, goal_of
 
 Array = NDArray[np.float64]
-Goal = Literal["decay-rate", "contact-force", "cop-margin", "routh-margin", "feasibility"]
-Instants = tuple[tuple[int, ...], ...]
 
-BACKOFF = 1e-8
-"""How far inside a requirement, in its scale, the program stays, so that rounding does not break it."""
 COARSEST = 0.01
 """Longest step of the coarse time grid [s]."""
+SURVIVALS = ("step-slope", "push")
+KNOWN = 9
+"""Environments that are looked at where the law knows another body and its two ends do not decide."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Case:
+    """One body in one scenario, or under a disturbance that is ``sized`` by the program."""
+
+    name: str
+    loop: ClosedLoop
+    limits: tuple[Limit, ...]
+    scenario: Scenario
+    sized: Sized | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Environment:
+    """Where the poles of one body's loop are looked at; ``affine`` (offset, slope) where the law knows another body."""
+
+    world: Setting
+    place: Place
+    affine: tuple[Array, Array] | None = None
+
+    def coefficients(self, K: Any) -> tuple[Any, ...]:
+        """Of the characteristic polynomial (24)-(25), for gains ``K`` (numbers or CasADi expressions)."""
+        world, (A, load, beta) = self.world, self.place
+        if self.affine is None:
+            return characteristic(world.biped, world.law, K, A, load, world.adapt, beta)
+        offset, slope = self.affine
+        return tuple(
+            offset[k] + sum(float(slope[k, j]) * K[j] for j in range(3) if slope[k, j]) for k in range(len(offset))
+        )
+
+    def slacks(self, K: Any) -> tuple[Any, ...]:
+        """(27)-(29) without units."""
+        return normalised_slacks(self.world.biped, self.world.law, K, *self.place)
 
 
 class Question:
-    """The parts of the program that do not change: loop, limits, environments, bounds, scales."""
+    """The parts of the program that do not change: bodies, limits, environments, bounds, scales."""
 
-    def __init__(self, setting: Setting) -> None:
-        if setting.bounds is None:
-            message = (
-                "is missing; give [synthesis.bounds] with kp, kd, kf as [lower, upper]: nothing else limits the gains"
-            )
-            raise BadInput(message, key="synthesis.bounds")
+    def __init__(self, setting: Setting, beside: Sequence[Setting] = ()) -> None:
         self.setting = setting
-        self.loop: ClosedLoop = setting.loop()
-        self.limits: list[Limit] = limits(self.loop.plant, setting.required)
-        bounds = setting.bounds.copy()
-        if setting.law == "pd":
-            bounds[2] = 0.0
-        elif np.isnan(bounds[2]).any():
-            message = f"is missing; law {setting.law} needs it as [lower, upper]"
-            raise BadInput(message, key="synthesis.bounds.kf")
-        self.upper: Array = bounds[:, 1]
-        self.lower: Array = bounds[:, 0]
+        self.worlds = (setting, *beside)
+        self.lower, self.upper = _bounds(setting)
         self.scale: Array = np.where(self.upper > 0, self.upper, 1.0)
         biped = setting.biped
-        A, load = (
-            np.concatenate(part)
-            for part in zip(*(scenario.operating_points(biped) for scenario in setting.scenarios), strict=True)
-        )
-        self.environments: list[tuple[float, float]] = list(
-            zip(*deciding_points(setting.law, A, load, setting.adapt), strict=True)
-        )
         self.pace: float = float(np.sqrt(max(self.upper[0], 1e-9) / biped.I))
         """A typical frequency of the loop [1/s], the scale of decay rates."""
+        self._loops = [world.loop() for world in self.worlds]
+        self.limits: list[Limit] = limits(self._loops[0].plant, setting.required)
+        self.environments: list[Environment] = [each for world in self.worlds for each in environments(world)]
+
+    def level(self, id: str) -> float | None:
+        """The hard level of a row in its unit; None where nothing hard is asked."""
+        wish = self.setting.required.get(id)
+        return None if wish is None or wish.soft else wish.level
+
+    def wish(self, id: str) -> float | None:
+        """The soft level of a row."""
+        wish = self.setting.required.get(id)
+        return wish.level if wish is not None and wish.soft else None
 
     @property
     def decay(self) -> float:
         """The decay rate that must be kept [1/s]; a trace above 0, since poles on the axis are not stable."""
-        wish = self.setting.required.get("decay-rate", Required(level=0.0))
-        return max(0.0 if wish.soft else wish.level, 1e-7 * self.pace)
+        return max(self.level("decay-rate") or 0.0, 1e-7 * self.pace)
 
     @property
     def coarse_step(self) -> float:
@@ -79,133 +106,132 @@ class Question:
         fastest = max(self.upper[1] / biped.I, self.pace, self.upper[2] / biped.ell)
         return float(max(self.setting.step, min(COARSEST, 2.0 / fastest)))
 
-    def grid(self, step: float) -> Grid:
-        """The scenarios on time grids of ``step`` [s]."""
-        return Grid(question=self, step=step)
+    def scale_of(self, id: str) -> float:
+        """A typical size of a row's value, in its unit."""
+        biped = self.setting.biped
+        usual = OBJECTIVES[id].usual if id in OBJECTIVES else None
+        if usual is not None:
+            return usual
+        sizes: dict[str, float] = {
+            "decay-rate": self.pace,
+            "contact-force": biped.weight,
+            "cop-margin": biped.ell,
+            "torque": biped.weight * biped.ell,
+            "torque-rate": biped.weight * biped.ell * self.pace,
+            "step-slope": float(np.degrees(slope_limit(biped))),
+            "push": push_limit(biped),
+            **dict(zip(("kp", "kd", "kf"), self.scale.tolist(), strict=True)),
+        }
+        return sizes[id]
+
+    def size_of(self, id: str) -> float:
+        """What a requirement's shortfall is measured in: its level, or a typical size where that is 0."""
+        wish = self.setting.required.get(id)
+        return abs(float(wish.level)) if wish is not None and wish.level else self.scale_of(id)
+
+    def goal(self, id: str) -> Goal:
+        """The goal of that row; raises ``BadInput`` if there is nothing to make of it."""
+        if id == "goals" and not any(wish.soft for wish in self.setting.required.values()):
+            message = 'is "goals", but no requirement is soft; write one as { min = ..., soft = true }'
+            raise BadInput(message, key="synthesis.minimise")
+        if id == FEASIBILITY.id:
+            return FEASIBILITY
+        return goal_of(id, self.scale_of(id))
+
+    def cases(self, goal: Goal) -> list[Case]:
+        """Every body in every scenario, and under the disturbances that it must survive, or that are to be large."""
+        found = []
+        for world, loop in zip(self.worlds, self._loops, strict=True):
+            own = self._limits(loop, world.required)
+            found += [
+                Case(name=scenario.name, loop=loop, limits=own, scenario=scenario) for scenario in world.scenarios
+            ]
+            bare = self._limits(loop, {})
+            watched = slope(world.biped, name="", angle=0.1, ramp=0.0, duration=HORIZON)
+            for kind in SURVIVALS:
+                for side in (1.0, -1.0) if lopsided(loop) else (1.0,):
+                    sized = self._sized(kind, goal, side)
+                    if sized is not None:
+                        found.append(Case(name=kind, loop=loop, limits=bare, scenario=watched, sized=sized))
+        return found
+
+    def _limits(self, loop: ClosedLoop, required: dict[str, Required]) -> tuple[Limit, ...]:
+        scales = {limit.id: limit.scale for limit in self.limits}
+        return tuple(replace(limit, scale=scales[limit.id]) for limit in limits(loop.plant, required))
+
+    def _sized(self, kind: str, goal: Goal, side: float) -> Sized | None:
+        unit = side * (np.pi / 180 if kind == "step-slope" else 1.0)
+        level, wish = self.level(kind), self.wish(kind)
+        base, rate = level or 0.0, 0.0
+        if goal.id == kind:
+            base, rate = 0.0, goal.scale
+        elif goal.id == "goals" and wish is not None:
+            base, rate = wish, self.size_of(kind)
+        elif level is None and not (goal.id == "feasibility" and self._goes_on(kind, wish)):
+            return None
+        return Sized(kind=kind, base=float(unit * base), rate=float(unit * rate))  # type: ignore[arg-type]
+
+    def _goes_on(self, kind: str, wish: float | None) -> bool:
+        """Whether what follows the search for a feasible point has this disturbance in it: both have the same cases."""
+        return self.setting.objective == kind or (self.setting.objective == "goals" and wish is not None)
 
     def score(self, goal: Goal, gains: Gains, verdict: Verdict) -> float:
-        """The objective's value at ``gains``, from the rows of its verdict."""
-        if goal == "decay-rate":
-            return min(row.value for row in verdict.rows if row.id == "decay-rate" and row.value is not None)
-        if goal == "routh-margin":
-            return min(
-                float(slack)
-                for A, load in self.environments
-                for slack in normalised_slacks(self.setting.biped, self.setting.law, gains, A, load)
-            )
-        ids = objective_rows(goal)
-        values = [row.value for row in verdict.rows if row.id in ids]
-        return min((float("-inf") if value is None else value) for value in values)
+        """The objective's value at ``gains``, from the rows of its verdict; infinitely bad where one is missing."""
+        if goal.gain is not None:
+            return float(gains[goal.gain])
+        if goal.id == "routh-margin":
+            return min(float(slack) for each in self.environments for slack in each.slacks(gains))
+        bad = goal.sign * -np.inf
+        if goal.id == "goals":
+            return max((self._excess(row.id, row.value) for row in verdict.rows if self._soft(row.id)), default=bad)
+        ids = goal.limits or (goal.id,)
+        values = [bad if row.value is None else row.value for row in verdict.rows if row.id in ids]
+        return bad if not values else float(min(values) if goal.sign > 0 else max(values))
+
+    def _soft(self, id: str) -> bool:
+        return self.wish("contact-force" if id in ("toe-force", "heel-force") else id) is not None
+
+    def _excess(self, row: str, value: float | None) -> float:
+        id = "contact-force" if row in ("toe-force", "heel-force") else row
+        level = self.wish(id)
+        if value is None or level is None:
+            return np.inf
+        return 1.0 - OBJECTIVES[id].sign * (value - level) / self.size_of(id)
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """Samples of every scenario, ``step`` apart, at which rows are checked, and the meshes that programs march on.
+def _bounds(setting: Setting) -> tuple[Array, Array]:
+    if setting.bounds is None:
+        message = "is missing; give [synthesis.bounds] with kp, kd, kf as [lower, upper]: nothing else limits the gains"
+        raise BadInput(message, key="synthesis.bounds")
+    bounds = setting.bounds.copy()
+    if setting.law == "pd":
+        bounds[2] = 0.0
+    elif np.isnan(bounds[2]).any():
+        message = f"is missing; law {setting.law} needs it as [lower, upper]"
+        raise BadInput(message, key="synthesis.bounds.kf")
+    return bounds[:, 0], bounds[:, 1]
 
-    At full resolution a program marches with the coarse step and lands on the samples it sees; the difference that
-    this makes to a row (some 1e-7 of its scale) is measured at each answer and added to the row in the next round.
-    """
 
-    question: Question
-    step: float
-
-    @cached_property
-    def samples(self) -> list[Steps]:
-        """The samples of each scenario."""
-        return [scenario.steps(self.step) for scenario in self.question.setting.scenarios]
-
-    @cached_property
-    def whole(self) -> list[Motion]:
-        """Each scenario's trajectory on the samples themselves."""
+def environments(world: Setting) -> list[Environment]:
+    """The environments that decide the linear stability of one body over its scenarios."""
+    known = world.known is not None and world.known != world.biped
+    if known and (world.law == "cop" or np.isfinite(world.adapt) or not world.plain):
+        forces = np.unique(
+            np.concatenate([scenario.operating_forces(world.biped) for scenario in world.scenarios], axis=1), axis=1
+        )
+        some = sorted({int(k) for k in np.linspace(0, forces.shape[1] - 1, KNOWN)})
         return [
-            Motion(self.question.loop, scenario, steps)
-            for scenario, steps in zip(self.question.setting.scenarios, self.samples, strict=True)
+            Environment(world=world, place=place, affine=polynomial_map(world.loop(), *map(float, forces[:, k])))
+            for k in some
+            for place in standing(world.biped, forces[:, [k]], world.target).places
         ]
-
-    @property
-    def exact(self) -> bool:
-        """Whether programs march on the samples themselves."""
-        return self.step >= self.question.coarse_step
-
-    def motions(self, instants: Instants) -> list[tuple[Motion, list[int]]]:
-        """Each scenario's trajectory as a function of the gains, and where the samples ``instants`` are on its mesh."""
-        if self.exact:
-            return [(motion, list(chosen)) for motion, chosen in zip(self.whole, instants, strict=True)]
-        found = []
-        for scenario, steps, chosen in zip(self.question.setting.scenarios, self.samples, instants, strict=True):
-            seen = list(chosen)
-            times = np.concatenate([scenario.steps(self.question.coarse_step).t, steps.t[seen]])
-            mesh = scenario.steps_at(times)
-            after_jump = np.array([k > 0 and steps.t[k] == steps.t[k - 1] for k in seen], dtype=bool)
-            at = np.searchsorted(mesh.t, steps.t[seen]) + after_jump
-            found.append((Motion(self.question.loop, scenario, mesh), [int(k) for k in at]))
-        return found
-
-    def thinned(self, count: int = 12) -> Instants:
-        """``count`` samples of each scenario, evenly spread."""
-        return tuple(tuple(sorted({int(k) for k in np.linspace(0, len(steps.t) - 1, count)})) for steps in self.samples)
-
-    @cached_property
-    def quantities(self) -> list[ca.Function]:
-        """For each scenario: K -> theta and the quantities of all limits, a row each, at all samples."""
-        question = self.question
-        K = ca.MX.sym("K", 3)
-        stacked = all_quantities([limit.quantity for limit in question.limits])
-        found = []
-        for motion in self.whole:
-            z = motion.all_states(K)
-            n = z.size2()
-            tau = question.loop.torque.map(n)(z, ca.repmat(K, 1, n))
-            rows = stacked.map(n)(z[:2, :], tau, ca.DM(motion.steps.force))
-            found.append(ca.Function("quantities", [K], [ca.vertcat(z[0, :], rows)]))
-        return found
-
-    def margins(self, gains: Gains, goal: Goal, v: float) -> list[Array] | None:
-        """All rows of the program at all samples, scaled, per scenario (rows, n); None if the biped falls."""
-        question = self.question
-        ends = np.cumsum([1, *(limit.quantity.size1_out(0) for limit in question.limits)])
-        found = []
-        for function in self.quantities:
-            theta, *parts = np.vsplit(function(np.array(gains)).full(), ends[:-1])
-            if not (np.isfinite(theta).all() and np.abs(theta).max() < FALLEN):
-                return None
-            rows = [
-                row
-                for limit, quantity in zip(question.limits, parts, strict=True)
-                for row in limit_margins(limit, quantity, goal, v)
-            ]
-            found.append(np.vstack(rows))
-        return found
-
-
-def objective_rows(goal: Goal) -> tuple[str, ...]:
-    """Ids of the limits whose smallest value the ``goal`` maximises."""
-    return {"contact-force": ("toe-force", "heel-force"), "cop-margin": ("cop-margin",)}.get(goal, ())
-
-
-def limit_margins(limit: Limit, quantity: Any, goal: Goal, v: Any) -> list[Any]:
-    """Rows >= 0 that ``limit`` gives the program, scaled: against what is required, and against the objective ``v``."""
-    rows = []
-    level = limit.hard_level
-    if limit.id in objective_rows(goal):
-        rows.append(quantity / limit.scale - v)  # v itself is bounded below by the hard level
-    elif level is not None and not (limit.id == "cop-margin" and level <= 0):  # contact >= 0 says the same, smoothly
-        relax = v if goal == "feasibility" else BACKOFF
-        rows.append(limit.margin(quantity, level) / limit.scale - relax)
-    return rows
+    found: list[Place] = []
+    for place in (place for scenario in world.scenarios for place in world.places(scenario)):
+        if not any(np.allclose(place, other, rtol=1e-11, atol=0.0) for other in found):  # the same but for rounding
+            found.append(place)
+    return [Environment(world=world, place=place) for place in found]
 
 
 def question_decay(question: Question, K: Array) -> float:
     """The decay rate over all environments, from plain eigenvalues: quick, for the survey."""
-    rates = []
-    for A, load in question.environments:
-        p = characteristic(question.setting.biped, question.setting.law, K, A, load, question.setting.adapt)
-        rates.append(-float(np.roots([1.0, *p]).real.max()))
-    return min(rates)
-
-
-def in_unit(question: Question, goal: Goal, v: float) -> float:
-    """The objective ``v``, which the program has in its scale, in its unit."""
-    scales = {limit.id: limit.scale for limit in question.limits}
-    scale = {"decay-rate": question.pace, "contact-force": scales["toe-force"], "cop-margin": scales["cop-margin"]}
-    return v * scale.get(goal, 1.0)
+    return min(-float(np.roots([1.0, *each.coefficients(K)]).real.max()) for each in question.environments)

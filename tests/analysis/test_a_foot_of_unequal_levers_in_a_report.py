@@ -224,7 +224,7 @@ def test_one_held_period_is_what_the_body_and_the_sampled_law_do(kind, adapt):
             assert after * scale == pytest.approx(expected[2], abs=3e-3 * abs(expected[2]) + 1e-7)
 
 
-@pytest.mark.parametrize("kind", ["force", "pd"])
+@pytest.mark.parametrize("kind", ["force", "pd", "cop"])
 def test_many_bodies_at_once_are_the_runs_of_each(kind):
     from design.analysis.many import least_forces
     from design.model.uncertainty import Spread, Tolerances
@@ -234,7 +234,7 @@ def test_many_bodies_at_once_are_the_runs_of_each(kind):
     found = least_forces(FEET.biped, kind, GAINS, FEET.scenarios[0], wide, shares, step=2e-3, target=0.03)
     for k, share in enumerate(shares):
         biped, world = wide.drawn(FEET.biped, FEET.scenarios[0], share.tolist())
-        run = simulate(closed_loop(biped, kind, 0.0, math.inf, None, 0.03), world, GAINS, 2e-3)
+        run = simulate(closed_loop(biped, kind, 0.0, math.inf, FEET.biped, 0.03), world, GAINS, 2e-3)
         assert [each[k] for each in found] == pytest.approx([run.F_T.min(), run.F_H.min()], abs=1e-3)
 
 

@@ -24,7 +24,7 @@ from design.model.stability import characteristic, closed_loop_matrix, decay_rat
 from design.spec.load import load, parse
 from design.spec.setting import setting
 from problems.comparison.trial import World, run
-from problems.gains import Question, solve
+from problems.gains import Grid, Question, solve
 from problems.prediction import stationary
 
 PAPER = Biped(M=50.0, L=0.75, I=7.03125, m=0.1, ell=0.1)
@@ -290,7 +290,8 @@ def test_the_sampled_law_comes_to_the_continuous_one_as_the_period_shrinks():
 
 def test_the_states_are_differentiated_exactly():
     problem = replace(_spec("slope", 0.3), step=0.01)
-    motion = Question(problem).grid(0.01).whole[0]
+    question = Question(problem)
+    motion = Grid(question, 0.01, question.goal("contact-force")).whole[0]
     states = motion.states((50, 300, 501))
     K = ca.MX.sym("K", 3)
     weights = ca.DM(np.random.default_rng(0).standard_normal((4, 3)))
@@ -307,7 +308,7 @@ def test_the_states_are_differentiated_exactly():
 
 @pytest.mark.parametrize("goal", ["contact-force", "decay-rate"])
 def test_synthesis_finds_gains_that_no_neighbour_betters(goal):
-    problem = replace(_spec("slope", 0.3), maximise=goal, step=0.005)
+    problem = replace(_spec("slope", 0.3), objective=goal, step=0.005)
     answer = solve(problem, starts=2)
     best = answer.outcome.value
     question = Question(problem)
@@ -318,7 +319,7 @@ def test_synthesis_finds_gains_that_no_neighbour_betters(goal):
         )
         verdict = judge(problem, Gains(*K))
         if verdict.overall == "met":
-            assert question.score(goal, Gains(*K), verdict) <= best.value * (1 + 1e-6)
+            assert question.score(question.goal(goal), Gains(*K), verdict) <= best.value * (1 + 1e-6)
 
 
 # ---- bad input

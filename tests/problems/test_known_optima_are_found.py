@@ -25,7 +25,7 @@ def test_greatest_smallest_contact_force():
 @pytest.mark.parametrize(("contact", "rate", "tolerance"), [(180.0, 8.4451, 5e-4), (0.0, 12.185, 1e-3)])
 def test_greatest_decay_rate(contact, rate, tolerance):
     required = {**SLOPE.required, "contact-force": Required(level=contact)}
-    found = solve(replace(SLOPE, maximise="decay-rate", required=required)).outcome.value
+    found = solve(replace(SLOPE, objective="decay-rate", required=required)).outcome.value
     assert found.value == pytest.approx(rate, abs=tolerance)
     assert found.verdict.overall == "met"
 
@@ -33,7 +33,7 @@ def test_greatest_decay_rate(contact, rate, tolerance):
 def test_routh_margin_has_a_closed_form():
     # 1 - r - kappa and r are equal at the best r, and kappa = A L / K_p is least at the upper bound of K_p
     kappa = SLOPE.biped.M * SLOPE.biped.g * SLOPE.biped.L / 3500.0
-    found = solve(replace(SLOPE, maximise="routh-margin")).outcome.value
+    found = solve(replace(SLOPE, objective="routh-margin")).outcome.value
     assert found.value == pytest.approx((1 - kappa) / 2, rel=1e-6)
 
 
@@ -42,6 +42,6 @@ def test_law_pd_decays_as_fast_as_its_double_pole():
     biped = SLOPE.biped
     best = ((3500.0 - biped.M * biped.g * biped.L) / biped.I) ** 0.5
     mild = replace(SLOPE.scenarios[0], signal=SLOPE.scenarios[0].signal / 10)  # 3 degrees: pd keeps contact there
-    found = solve(replace(SLOPE, law="pd", maximise="decay-rate", scenarios=(mild,), gains=None)).outcome.value
+    found = solve(replace(SLOPE, law="pd", objective="decay-rate", scenarios=(mild,), gains=None)).outcome.value
     assert found.value == pytest.approx(best, rel=1e-5)
     assert found.gains.K_f == 0.0

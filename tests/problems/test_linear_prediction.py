@@ -16,6 +16,7 @@ from design.model.limits import Required
 from design.model.plant import plant
 from design.model.tuning import Tuning
 from design.solvers.outcome import Status
+from problems.linear_rows import linearised
 from problems.mpc_linear import LinearPlanner
 from problems.prediction import PENALTY, horizon, posture, stationary
 
@@ -240,6 +241,59 @@ def test_a_part_continued_by_lqr_is_taken_only_where_it_is_the_optimum_of_the_wh
 )
 def test_from_rest_the_slope_says_how_much_must_be_solved(degrees, way):
     assert _planner().plan(0.0, Belief(0.0, 0.0, *_slope(degrees)), 0.0, None).detail == way
+
+
+@given(st.floats(-8.0, 8.0), st.floats(-0.15, 0.15), st.floats(-0.6, 0.6), st.floats(-30.0, 30.0))
+@settings(max_examples=100, deadline=None)
+def test_lqr_s_response_counts_as_kept_where_no_limit_of_it_is_broken(degrees, theta, omega, before):
+    required = {**CONTACT, "cop-margin": Required(level=0.03)}
+    ahead = horizon(PAPER, TUNING, Actuator(period=0.02), required)
+    F = _slope(degrees)
+    A, theta_f = stationary(PAPER, *F)
+    model = _model_used(TUNING, A)
+    response = np.column_stack([np.ravel(_lqr_from(model, unit)) for unit in np.eye(2)])
+    points = _lqr_from(model, np.array([theta - theta_f, omega]))
+    found = linearised(ahead, TUNING.horizon)([theta_f, theta, omega, before, *F, 0.0], response)
+    slopes, levels, first, places, kept = (each.full() for each in found)
+    assert places.T == pytest.approx(points, abs=1e-9)
+    margins = np.array([_scaled(ahead, [theta_f, 0.0], 0.0, F)] * TUNING.horizon)
+    assert levels.ravel() == pytest.approx(margins[0], abs=1e-12)
+    margins += points @ slopes
+    now = _scaled(ahead, [theta, omega], points[0][2], F)
+    by_row = first.T @ [*points[0], 1.0]
+    assert (np.sign(by_row[:2]) == np.sign(now[:2])).all() or np.abs(now).min() < 1e-9
+    margins[0] = by_row
+    if np.abs(margins).min() > 1e-9:
+        assert bool(kept[0, 0]) == bool((margins >= 0).all())
+
+
+def _lqr_from(model, x):
+    """What LQR leads to from ``x``: e, omega and tau (N, 3)."""
+    points = []
+    for _ in range(TUNING.horizon):
+        points.append([*x, -model.K @ x])
+        x = model.Ad @ x + model.Bd * points[-1][2]
+    return np.array(points)
+
+
+def _scaled(ahead, x, tau, F):
+    """Each limit's margin by its scale, by the full model."""
+    return np.concatenate(
+        [
+            ca.DM(limit.margin(limit.quantity(ca.DM(x), tau, ca.DM(F)), level) / limit.scale).full().ravel()
+            for limit, level in ahead.rows
+        ]
+    )
+
+
+@pytest.mark.parametrize("nothing", range(6))
+def test_a_response_that_is_no_number_is_not_kept(nothing):
+    ahead = horizon(PAPER, TUNING, Actuator(period=0.02), CONTACT)
+    now = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    response = np.zeros((6, 2))
+    assert linearised(ahead, 2)(now, response)[4] == 1
+    now[nothing] = math.nan
+    assert linearised(ahead, 2)(now, response)[4] == 0
 
 
 @given(st.floats(-7.0, 7.0), st.floats(-0.01, 0.01), st.floats(-0.1, 0.1))

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from design.spec.setting import setting
 from problems.comparison.controllers import actuator, controller
 from problems.comparison.measures import final_posture
 from problems.comparison.trial import World, run
+from problems.linear_rows import linearised
 from problems.mpc_linear import LinearPlanner
 from problems.mpc_nonlinear import planner as nonlinear
 from problems.prediction import horizon, posture, resting
@@ -64,6 +66,34 @@ def test_near_it_the_first_torque_is_that_of_lqr_about_it(force):
     for name, made in planners().items():
         plan = planned(made, Belief(theta + x[0], x[1], *force), tau)
         assert plan.torque[0] == pytest.approx(expected, abs=0.01 * abs(expected - tau) + 1e-3), name
+
+
+@pytest.mark.parametrize("force", FORCES)
+def test_margins_of_linear_rows_count_torques_from_the_one_at_rest(force):
+    _, theta, tau = resting(AHEAD, *force)
+    rows, here, before = linearised(AHEAD, 2), [theta + 0.01, -0.05], tau + 4.0
+    slopes, levels, first, points, kept = (
+        each.full() for each in rows([theta, *here, before, *force, tau], np.tile(np.eye(3, 2), (2, 1)))
+    )
+    assert points[:, 0] == pytest.approx([0.01, -0.05, 0.0])
+
+    def margins(x, torque):
+        found = [
+            limit.margin(limit.quantity(ca.DM(x), torque, ca.DM(force)), level) / limit.scale
+            for limit, level in AHEAD.rows
+        ]
+        return np.concatenate([ca.DM(each).full().ravel() for each in found])
+
+    assert levels.ravel() == pytest.approx(margins([theta, 0.0], tau))
+    step = 1e-5
+    near = [theta + step * 0.3, step * 0.7], tau + step * 20.0
+    assert levels.ravel() + step * slopes.T @ [0.3, 0.7, 20.0] == pytest.approx(margins(*near), abs=1e-8)
+    own = margins(here, before + 3.0)  # the first step's rows have the sign of the model's own margins, exactly
+    by_row = first.T @ [0.01, -0.05, before + 3.0 - tau, 1.0]
+    assert (by_row / own > 0).all()
+    assert (by_row / own == pytest.approx(1.0, rel=0.2)) and (kept == 1) == bool(
+        (levels.ravel() + slopes.T @ points[:, 1] >= 0).all() and (first.T @ [*points[:, 0], 1.0] >= 0).all()
+    )
 
 
 def test_where_the_foot_binds_linear_and_nonlinear_plans_keep_both_ends_down():

@@ -1,5 +1,7 @@
 """The program's derivatives are those of its functions, and its factors are the poles."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -7,18 +9,43 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from design.model.laws import Gains
+from design.model.limits import Required
 from design.model.stability import is_hurwitz
 from design.spec.load import load
 from design.spec.setting import setting
-from problems.gains import Point, Question, pose
+from problems.gains import Grid, Point, Question, pose
+from problems.gains.modelled import modelled, wanted
 
 SLOPE = setting(load("slope").spec)
+WISHES = {"contact-force": 100.0, "decay-rate": 8.0, "delay-margin": 0.02, "step-slope": 6.0, "torque": 40.0}
 
 
-@pytest.mark.parametrize("goal", ["contact-force", "decay-rate", "cop-margin", "routh-margin", "feasibility"])
+@pytest.mark.parametrize(
+    "goal",
+    [
+        "contact-force",
+        "decay-rate",
+        "cop-margin",
+        "routh-margin",
+        "feasibility",
+        "torque",
+        "step-slope",
+        "push",
+        "delay-margin",
+        "settling",
+        "kp",
+        "goals",
+    ],
+)
 def test_first_and_second_derivatives_match_finite_differences(goal):
-    grid = Question(SLOPE).grid(0.01)
-    program, read = pose(grid, goal, ((50, 300, 501, 900),))
+    wishes = {name: Required(level=level, soft=True) for name, level in WISHES.items()} if goal == "goals" else {}
+    question = Question(replace(SLOPE, required={**SLOPE.required, **wishes}))
+    grid = Grid(question, 0.01, question.goal(goal))
+    seen = ((50, 300, 501, 900), (0, 20, 500)) if goal in ("step-slope", "push") else ((50, 300, 501, 900),)
+    seen = (*seen, (10, 40)) if goal == "goals" else seen
+    u = np.array([0.8, 0.7, 0.3])
+    models = modelled(question, wanted(question, grid.goal), u, 0.01) or []
+    program, read = pose(grid, seen, models=models)
     x0 = read.start(Point(gains=Gains(3000.0, 900.0, 5.0), v=0.1))
     lam = ca.MX.sym("lam", program.g.numel())
     lagrangian = program.f + ca.dot(lam, program.g)

@@ -132,12 +132,12 @@ def test_a_time_limit_ends_it_undecided():
 def test_no_worse_than_a_global_search(name):
     problem = setting(load(name).spec)
     asked = question.Question(problem)
-    grid = asked.grid(0.002)
+    grid = question.Grid(asked, 0.002, asked.goal("contact-force"))
 
     def loss(K):
         if question.question_decay(asked, K) <= 0:
             return 1e3 - question.question_decay(asked, K)
-        margins = grid.margins(Gains(*K), "contact-force", 0.0)
+        margins = grid.margins(question.Point(gains=Gains(*K), v=0.0))
         return 1e3 if margins is None else -min(rows[:2].min() for rows in margins) * asked.limits[0].scale
 
     box = list(zip(asked.lower, asked.upper, strict=True))
@@ -160,9 +160,9 @@ def test_what_some_gains_keep_is_not_called_impossible(scenario, levels, gains):
     assert not obstacles(problem)
 
 
-def test_a_requirement_that_is_only_checked_is_named_as_such():
-    answer = question.solve(_needs(SLOPE, delay_margin=0.05))
-    assert answer.outcome.status is Status.UNMET
+def test_a_loop_margin_out_of_reach_is_named():
+    answer = question.solve(_needs(SLOPE, delay_margin=0.5))
+    assert answer.outcome.status is Status.NOT_FOUND
     assert "delay-margin" in answer.outcome.detail
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from design.analysis.many import least_forces
+from design.analysis.many import extremes, least_forces
 from design.analysis.simulate import simulate
 from design.model.closed_loop import closed_loop
 from design.model.environment import constant_force, platform, profile, slope
@@ -34,15 +34,21 @@ WORLDS = {
 
 
 @pytest.mark.parametrize("world", WORLDS)
-@pytest.mark.parametrize("kind", ["force", "pd"])
-def test_many_bodies_at_once_are_what_each_is_alone(world, kind):
+@pytest.mark.parametrize(("kind", "adapt"), [("force", math.inf), ("pd", math.inf), ("cop", math.inf), ("force", 0.2)])
+def test_many_bodies_at_once_are_what_each_is_alone(world, kind, adapt):
     shares = np.random.default_rng(2).uniform(-1, 1, (3, 7))
-    gains = CALM if kind == "force" else Gains(3500.0, 900.0, 0.0)
-    toe, heel = least_forces(BODY, kind, gains, WORLDS[world], WIDE, shares, step=1e-3)
+    gains = Gains(3500.0, 900.0, 0.0) if kind == "pd" else CALM
+    found = extremes(BODY, kind, gains, WORLDS[world], WIDE, shares, step=1e-3, adapt=adapt)
     for k, share in enumerate(shares):
         body, scenario = WIDE.drawn(BODY, WORLDS[world], share)
-        run = simulate(closed_loop(body, kind), scenario, gains, 1e-3)
-        assert (toe[k], heel[k]) == pytest.approx((run.F_T.min(), run.F_H.min()), abs=0.2)
+        loop = closed_loop(body, kind, 0.0, adapt, BODY)
+        run = simulate(loop, scenario, gains, 1e-3)
+        assert (found.toe[k], found.heel[k]) == pytest.approx((run.F_T.min(), run.F_H.min()), abs=0.2)
+        assert found.cop[k] == pytest.approx((body.ell - np.abs(run.P)).min(), abs=1e-4)
+        assert found.torque[k] == pytest.approx(np.abs(run.tau).max(), abs=0.02)
+        x = np.vstack([run.theta, run.omega])
+        slip = loop.plant.friction.map(run.t.size)(x, run.tau[None], run.F).full().ravel() / (run.F_T + run.F_H)
+        assert found.friction[k] == pytest.approx(np.abs(slip).max(), abs=2e-3)
 
 
 def test_a_body_that_falls_has_lost_contact():

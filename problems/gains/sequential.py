@@ -1,0 +1,116 @@
+"""Rows without samples: solve with their models, look at their true values, and trust the models as far as they held.
+
+A trust region, as in sequential quadratic programming (Conn, Gould and Toint, Trust-Region Methods, 2000), but with the
+sampled rows and the poles in the program as they are: only the modelled rows are approximated, to second order. Models
+of points that were tried and refused stay in the program until a point is accepted, if they do not cut off the best
+point: where a row has a kink, its other side is then known too.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.analysis.objectives import OBJECTIVES
+from problems.gains.exchange import Local, exchange
+from problems.gains.grid import Grid, Instants, Point
+from problems.gains.modelled import Model, margins, modelled, values, wanted
+
+Array = NDArray[np.float64]
+
+STEPS = 60
+KEPT = 12
+"""Models of refused points that are remembered."""
+PRICE = 10.0
+"""How much of v a violation of one scale costs."""
+SETTLED = 1e-7
+"""Gain in v that is not worth another step."""
+SMALLEST = 1e-7
+"""Radius of the trust region at which models cannot get better."""
+
+
+def optimise(grid: Grid, start: Point, instants: Instants, deadline: float, *, near: bool = False) -> Local:
+    """A local optimum of the grid's goal from ``start``, which meets what is required of the modelled rows or nearly.
+
+    Without modelled rows this is ``exchange``.
+    """
+    ids = wanted(grid.question, grid.goal)
+    if not ids:
+        return exchange(grid, start, instants, deadline, near=near)
+    question = grid.question
+    here = np.array(start.gains) / question.scale
+    models = modelled(question, ids, here, grid.step)
+    if models is None:
+        return Local(point=start, instants=instants, converged=False, said="the loop is not stable at the start")
+    best = Point(gains=start.gains, v=min(start.v, _truth(grid, models, here)[0]))
+    merit, radius, said = -np.inf, 0.02 if near else 0.2, "step limit"
+    kept: list[Model] = []
+    for _ in range(STEPS):
+        found = exchange(grid, best, instants, deadline, near=near, models=[*models, *kept], reach=(here, radius))
+        if time.monotonic() > deadline:
+            said = "time limit"
+            break
+        if not found.converged:
+            radius, near, kept = 0.3 * radius, False, []
+            if radius < SMALLEST:
+                said = found.said
+                break
+            continue
+        there = np.array(found.point.gains) / question.scale
+        trial = modelled(question, ids, there, grid.step)
+        v, missing = (-np.inf, np.inf) if trial is None else _truth(grid, trial, there, found.point.v)
+        worth = v - PRICE * missing
+        if np.isfinite(merit):
+            if found.point.v <= merit + SETTLED * (1 + abs(merit)) and missing <= SETTLED:
+                return replace(found, point=best)
+            if radius < SMALLEST:
+                return replace(found, point=best)
+        if worth > merit and trial is not None:
+            far = float(np.abs(there - here).max()) > 0.9 * radius
+            good = not np.isfinite(merit) or worth - merit > 0.5 * (found.point.v - merit)
+            radius = min(2.0 * radius, 0.5) if far and good else radius if good else 0.5 * radius
+            best, merit, here, models = Point(gains=found.point.gains, v=v), worth, there, trial
+            instants, near, kept = found.instants, True, []
+        else:
+            kept += trial or []
+            radius = 0.3 * min(radius, float(np.abs(there - here).max()) or radius)
+        kept = [model for model in kept if _fair(model, models, here)][-KEPT:]
+    return Local(point=best, instants=instants, converged=False, said=said)
+
+
+def _truth(grid: Grid, models: list[Model], u: Array, v: float = np.inf) -> tuple[float, float]:
+    """The objective that modelled rows leave of ``v`` at the point that they are about, and their worst violation."""
+    missing = 0.0
+    for model in models:
+        for margin, of in margins(grid.question, grid.goal, model.id, model.value, gap=model.gap):
+            if of:
+                v = min(v, margin)
+            else:
+                missing = max(missing, -margin)
+    return v, missing
+
+
+def _fair(model: Model, models: list[Model], u: Array) -> bool:
+    """Whether an old ``model`` says nothing worse of ``u`` than is true there."""
+    sign = 1.0 if model.gap else OBJECTIVES[model.id].sign
+    worst = min((sign * each.value for each in models if (each.id, each.gap) == (model.id, model.gap)), default=-np.inf)
+    return bool(sign * float(model(u)) >= worst - 1e-9 * (1 + abs(worst)))
+
+
+def meets(grid: Grid, point: Point) -> bool:
+    """Whether the modelled rows keep what is required at ``point``."""
+    ids = wanted(grid.question, grid.goal)
+    found = values(grid.question, ids, np.array(point.gains), grid.step) if ids else {}
+    if found is None:
+        return False
+    return all(
+        margin >= 0
+        for (id, _, gap), pieces in found.items()
+        for _, value, _ in pieces
+        if not gap
+        for margin, of in margins(grid.question, grid.goal, id, value)
+        if not of
+    )

@@ -8,7 +8,7 @@ symbol     meaning                                                     unit
 M, m       mass of the body, of the foot                               kg
 L          ankle to centre of gravity of the body                      m
 I          inertia of the body about the ankle                         kg m²
-ell        ankle to toe, and ankle to heel                             m
+ell        ankle to toe, and ankle to heel; half the foot's length     m
 theta      ankle angle from the vertical, toe side positive            rad
 omega      its rate                                                    rad/s
 tau        ankle torque                                                N m
@@ -22,7 +22,11 @@ s          memory of a law: tau_f, the integral of F_H - F_T (9) for   N s, m s
 K_p        gain on the angle                                           N m/rad
 K_d        gain on the rate                                            N m s/rad
 K_f        gain on the integral of (8); K_F = K_f (M+m) g/ell in (20)  m/s
-P          centre of pressure (CoP) from the ankle, toe positive       m
+P, P_d     centre of pressure (CoP) from the ankle, toe positive; the  m
+           target of its law
+l_T, l_H   ankle to toe, ankle to heel, where they differ              m
+h          height of the ankle above the ground                        m
+beta       what I grows by where K_f is (``design.model.standing``)    kg m²
 alpha      slope of the ground                                         rad
 sigma      decay rate: every pole has a real part of at most -sigma    1/s
 =========  ==========================================================  =========

@@ -50,10 +50,13 @@ def bands(model: Posture, count: int) -> Bands:
     return Bands(e=e, omega=omega, tau=tau, points=with_end(model, e, omega, tau), turn=np.stack([e[-1], omega[-1]]))
 
 
-def with_end(model: Posture, e: Array, omega: Array, tau: Array, goal: float = 0.0) -> Array:
-    """The points (N+2, 3, ...) of e, omega (N+1, ...), tau (N, ...), and the end, which stands still near ``goal``."""
+def with_end(model: Posture, e: Array, omega: Array, tau: Array, goal: float = 0.0, held: float = 0.0) -> Array:
+    """The points (N+2, 3, ...) of e, omega (N+1, ...), tau (N, ...), and the end, which stands still near ``goal``.
+
+    ``held`` [N m] is the torque that holds the goal itself.
+    """
     xi = e[-1] - goal + omega[-1] / model.Omega
-    hold = -model.AL * xi
+    hold = held - model.AL * xi
     last = np.stack([e[-1], omega[-1], hold]), np.stack([goal + xi, np.zeros_like(xi), hold])
     return np.concatenate([np.stack([e[:-1], omega[:-1], tau], axis=1), np.stack(last)])
 
@@ -116,19 +119,22 @@ class Pattern:
             self._data[self._moving] = (slopes.T[:, self._component] * self._parts).sum(axis=0)
         return self._data
 
-    def room(self, points: Array, margins: Array, before: float) -> Array:
-        """How far each row is from its bound: at ``points`` (.., 3), with limits' ``margins`` (.., each) there."""
-        return np.concatenate([margins.ravel(), *self._reach_left(points, before), [0.0]])
+    def room(self, points: Array, margins: Array, before: float, hold: float = 0.0) -> Array:
+        """How far each row is from its bound: at ``points`` (.., 3), with limits' ``margins`` (.., each) there.
 
-    def reached(self, points: Array, before: float) -> bool:
-        """Whether the actuator reaches the torques of ``points``."""
-        return not self.reach or all(left.min() >= 0 for left in self._reach_left(points, before))
+        Torques, and the one ``before``, count from ``hold`` [N m]; the actuator's limit does not.
+        """
+        return np.concatenate([margins.ravel(), *self._reach_left(points, before, hold), [0.0]])
 
-    def _reach_left(self, points: Array, before: float) -> list[Array]:
+    def reached(self, points: Array, before: float, hold: float = 0.0) -> bool:
+        """Whether the actuator reaches the torques of ``points``; all count from ``hold`` as in ``room``."""
+        return not self.reach or all(left.min() >= 0 for left in self._reach_left(points, before, hold))
+
+    def _reach_left(self, points: Array, before: float, hold: float) -> list[Array]:
         if not self.reach:
             return []
         torques, parts = points[: self._steps, 2], []
-        values = [torques] * self.limited[0] + [np.diff(torques, prepend=before)] * self.limited[1]
+        values = [torques + hold] * self.limited[0] + [np.diff(torques, prepend=before)] * self.limited[1]
         for value, most in zip(values, self.reach, strict=True):
             parts += [most - value / self.size, most + value / self.size]
         return parts

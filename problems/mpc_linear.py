@@ -23,11 +23,12 @@ from numpy.typing import NDArray
 
 from design.analysis.observer import Belief
 from design.buffered import Buffered
+from design.model.standing import standing
 from design.solvers.conic import Clarabel, Cone, ConicAnswer, ConicProgram
 from design.solvers.outcome import Outcome, Status
 from problems.flat import Pattern, bands, with_end
 from problems.linear_rows import Rows, at_rest, linearised
-from problems.prediction import Horizon, Posture, posture, stationary
+from problems.prediction import Horizon, Posture, posture, resting
 from problems.receding import Plan
 
 Array = NDArray[np.float64]
@@ -37,6 +38,9 @@ GRID = 0.005
 CURVATURE = 3e4
 """The objective is scaled until torque curves it this much: near rest costs are tiny, and Clarabel's tolerances are
 absolute as well as relative."""
+GAP = 1e-11
+"""The gap that Clarabel is asked for. It stops on the central path, where limits that do not bind still push in
+proportion to the gap: at 1e-8 the torque was seen 2e-5 N m from LQR's with nothing active, at this less than 1e-8."""
 BROKEN = 1e-5
 """How far a row of the answer may be broken, by its scale."""
 PART = 0.4
@@ -57,16 +61,18 @@ class LinearPlanner:
 
     def plan(self, t: float, belief: Belief, before: float, previous: Plan | None) -> Outcome[Plan]:
         """See ``problems.receding.Planner``."""
-        A, theta_f = stationary(self.horizon.biped, belief.F_x, belief.F_y)
+        A, theta_f, tau_0 = resting(self.horizon, belief.F_x, belief.F_y)
         steps = round(math.log(max(A / self.horizon.biped.weight, 1e-3)) / GRID)
 
         def solver(program: _Program) -> Clarabel:
             key = (steps, program.count)
             if key not in self.solvers:
-                self.solvers[key] = Clarabel(program.posed, tolerance=1e-7, seconds=1.0)
+                self.solvers[key] = Clarabel(program.posed, tolerance=1e-7, gap=GAP, seconds=1.0)
             return self.solvers[key]
 
-        return _prediction(self.horizon, steps).plan(solver, t, belief, theta_f, before, shortcut=self.shortcut)
+        return _prediction(self.horizon, steps).plan(
+            solver, t, belief, (theta_f, tau_0), before, shortcut=self.shortcut
+        )
 
 
 @lru_cache(maxsize=64)
@@ -128,7 +134,7 @@ class _Prediction:
             self._pushed[k + 1 :, :, k] = states[: N - k] @ model.Bd
         self._at_rest = Buffered(at_rest(horizon, N + 1))
         level = [0.0, biped.M * biped.g - A]  # a force that makes gravity A: what the solver is scaled by
-        slopes = self._limits(now=[0.0, 0.0, 0.0, 0.0, *level])["slopes"].reshape(-1, 3)
+        slopes = self._limits(now=[0.0, 0.0, 0.0, 0.0, *level, 0.0])["slopes"].reshape(-1, 3)
         self._whole = _Program(horizon, model, N, slopes, ends=True)
         self._part = _Program(horizon, model, round(PART * N), slopes, ends=False)
         self._tail = response_over(N - self._part.count)
@@ -138,29 +144,32 @@ class _Prediction:
         solver: Callable[[_Program], Clarabel],
         t: float,
         belief: Belief,
-        theta_f: float,
+        rest: tuple[float, float],
         before: float,
         *,
         shortcut: bool,
     ) -> Outcome[Plan]:
-        """Pose the numbers of this step, solve, recheck."""
-        self._limits.given["now"][:] = theta_f, belief.theta, belief.omega, before, belief.F_x, belief.F_y
+        """Pose the numbers of this step, solve, recheck; ``rest`` is the posture to be reached and its torque."""
+        theta_f, hold = rest
+        self._limits.given["now"][:] = theta_f, belief.theta, belief.omega, before, belief.F_x, belief.F_y, hold
         limits = self._limits.run()
         points, levels, whole = limits["points"].reshape(-1, 3).copy(), limits["levels"], self._whole
-        held = belief.ahead is None
-        if shortcut and held and limits["kept"][0] and whole.pattern.reached(points, before):
-            return self._planned(t, theta_f, points, "LQR's response keeps every limit")
+        held, since = belief.ahead is None, before - hold
+        if shortcut and held and limits["kept"][0] and whole.pattern.reached(points, since, hold):
+            return self._planned(t, rest, points, "LQR's response keeps every limit")
         q = whole.q
         if belief.ahead is not None:
-            points, q = self._foreseen(belief.ahead, theta_f, np.array([belief.theta - theta_f, belief.omega]))
-            levels = self._at_rest(theta=theta_f, F=belief.ahead.T.ravel())["margins"].reshape(self._count + 1, -1)
+            points, q = self._foreseen(belief.ahead, rest, np.array([belief.theta - theta_f, belief.omega]))
+            levels = self._at_rest(theta=theta_f, tau=hold, F=belief.ahead.T.ravel())["margins"]
+            levels = levels.reshape(self._count + 1, -1)
             levels = np.vstack([levels, levels[-1:]])
-        rows = Rows(whole.pattern, limits["slopes"].reshape(-1, 3), levels, limits["first"].reshape(-1, 4), before)
+        slopes, first = limits["slopes"].reshape(-1, 3), limits["first"].reshape(-1, 4)
+        rows = Rows(whole.pattern, slopes, levels, first, since, hold)
         margins = rows.margins(points)
         if shortcut and held:
             begun = self._begun(solver, rows, points, margins)
             if begun is not None:
-                return self._planned(t, theta_f, *begun)
+                return self._planned(t, rest, *begun)
         answer = whole.solve(solver(whole), rows.slopes, q, rows.room(points, margins))
         detail = f"Clarabel: {answer.said}"
         if not answer.solved:
@@ -168,7 +177,7 @@ class _Prediction:
         points = points + whole.bands.points @ answer.x[:-1]
         if rows.broken(points, float(answer.x[-1])) > BROKEN:
             return Outcome(status=Status.DISAGREEMENT, detail=f"{detail}, but a row is broken")
-        return self._planned(t, theta_f, points, detail)
+        return self._planned(t, rest, points, detail)
 
     def _begun(
         self, solver: Callable[[_Program], Clarabel], rows: Rows, points: Array, margins: Array
@@ -178,7 +187,7 @@ class _Prediction:
         n = part.count
         if (margins[n:] < 0).any():
             return None
-        b = part.pattern.room(points[:n], margins[:n], rows.before)
+        b = part.pattern.room(points[:n], margins[:n], rows.before, rows.hold)
         answer = part.solve(solver(part), rows.slopes, part.q, b)
         if not answer.solved:
             return None
@@ -193,26 +202,36 @@ class _Prediction:
         state = points[n, :2] + along.turn @ y
         return np.concatenate([points[:n] + along.points[:n] @ y, self._tail @ state])
 
-    def _planned(self, t: float, theta_f: float, points: Array, detail: str) -> Outcome[Plan]:
+    def _planned(self, t: float, rest: tuple[float, float], points: Array, detail: str) -> Outcome[Plan]:
         """The plan of these ``points``, which become its own."""
         N = self._count
-        points[:, 0] += theta_f
+        points[:, 0] += rest[0]
+        if rest[1]:
+            points[:, 2] += rest[1]
         plan = Plan(start=t, step=self._horizon.tuning.step, torque=points[:N, 2], states=points[: N + 1, :2].T)
         return Outcome(status=Status.SOLVED, detail=detail, found=plan)
 
-    def _foreseen(self, ahead: Array, theta_f: float, here: Array) -> tuple[Array, Array]:
+    def _foreseen(self, ahead: Array, rest: tuple[float, float], here: Array) -> tuple[Array, Array]:
         """For a force that changes: the points of a response (N+2, 3), and the cost's gradient there (N+1,)."""
         biped, model, N, along = self._horizon.biped, self._model, self._count, self._whole.bands
-        goal = np.arctan2(-ahead[0], biped.M * biped.g - ahead[1]) - theta_f
+        theta_f, hold = rest
+        if self._horizon.plain:
+            goal, held = np.arctan2(-ahead[0], biped.M * biped.g - ahead[1]) - theta_f, np.zeros(N + 1)
+        else:
+            each = standing(biped, ahead, self._horizon.target)
+            if not (each.A > 0).all():
+                message = "no posture has its CoP at the target"
+                raise ArithmeticError(message)
+            goal, held = each.theta - theta_f, each.tau - hold
         change = ahead - ahead[:, :1]
         turning = biped.L * (change[0] * np.cos(theta_f) - change[1] * np.sin(theta_f))  # as a torque [N m]
         push = 0.5 * (turning[:-1] + turning[1:])
-        lead = model.K[0] * goal[:N]
+        lead = model.K[0] * goal[:N] + held[:N]
         states = self._free @ here + self._pushed @ (push + lead)
         torque = lead - states[:N] @ model.K
         away, omega = states[:, 0] - goal, states[:, 1]
         end = model.P @ [away[N], omega[N]]
         gradient = along.e[:N].T @ away[:N] + model.Q[1, 1] * along.omega[:N].T @ omega[:N]
-        gradient += model.R * along.tau.T @ torque + along.e[N] * end[0] + along.omega[N] * end[1]
-        points = with_end(model, states[:, 0], omega, torque, float(goal[N]))
+        gradient += model.R * along.tau.T @ (torque - held[:N]) + along.e[N] * end[0] + along.omega[N] * end[1]
+        points = with_end(model, states[:, 0], omega, torque, float(goal[N]), float(held[N]))
         return points, self._whole.unit * np.append(2 * gradient, self._horizon.penalty)

@@ -103,9 +103,9 @@ class NonlinearPlanner:
             tail, decay = after > 0, previous.states[1, -1] * np.exp(-Omega * after)
             away = np.stack([np.where(tail, xi - decay / Omega, theta - theta_f), np.where(tail, decay, omega)])
             torque = np.interp(times[:N], own[:-1], previous.torque)
-            torque[times[:N] > own[-1] - 1e-9] = -numbers.AL * xi
+            torque[times[:N] > own[-1] - 1e-9] = numbers.held[N] - numbers.AL * xi
             away[:, 0] = numbers.x - [theta_f[0], 0.0]
-            v[:N] = (torque + numbers.K @ away[:, :N]) / self.posed.torque
+            v[:N] = (torque - numbers.held[:N] + numbers.K @ away[:, :N]) / self.posed.torque
         away[0] += theta_f
         return v, (away[:, 1:].T / self.posed.states).ravel()
 
@@ -113,7 +113,7 @@ class NonlinearPlanner:
         """The plan in physical units."""
         states = np.column_stack([numbers.x, (X.reshape(-1, 2) * self.posed.states).T])
         away = states - np.stack([numbers.theta_f, np.zeros_like(numbers.theta_f)])
-        torque = self.posed.torque * v[:-1] - numbers.K @ away[:, :-1]
+        torque = self.posed.torque * v[:-1] - numbers.K @ away[:, :-1] + numbers.held[:-1]
         if not np.isfinite(torque).all():
             return Outcome(status=Status.DISAGREEMENT, detail=f"{detail}, but a torque is not finite")
         if SIZE * v[-1] > 1e-6:

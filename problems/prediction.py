@@ -10,6 +10,9 @@ subject to  the dynamics from the state believed now, with the external force he
 P is the Riccati matrix, so that without active limits the torque is LQR's, whatever N. sigma makes the limits soft with
 an exact penalty: it is zero whenever the hard limits can be met.
 
+Where foot or target are not the paper's, theta_f is the posture with the CoP at its target, tau counts from the torque
+tau_0 that holds it, and A L is A L cos(theta_0 - theta_f) (``design.model.standing``).
+
 Terminal set. The unstable mode xi = e + omega/Omega stands still under the torque -A L xi held for ever; theta goes
 to theta_f + xi without overshoot (capturability: Hof 2005, Koolen 2012). So the plan must end where that torque is in
 the actuator's reach from tau_{N-1}, and meets the limits both at x_N and at (theta_f + xi, 0); between the two the
@@ -20,7 +23,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -30,6 +33,7 @@ from design.model.actuator import Actuator
 from design.model.body import Biped
 from design.model.limits import Limit, Required, limits
 from design.model.plant import plant
+from design.model.standing import standing
 from design.model.tuning import Tuning
 
 Array = NDArray[np.float64]
@@ -47,13 +51,22 @@ FIRM = 0.01
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Horizon:
-    """A prediction to be posed: the nominal ``biped``, ``tuning``, ``actuator``, and ``rows``: limits and levels."""
+    """A prediction to be posed: the nominal ``biped``, ``tuning``, ``actuator``, and ``rows``: limits and levels.
+
+    ``target`` [m]: where the CoP is to come to rest.
+    """
 
     biped: Biped
     tuning: Tuning
     actuator: Actuator
     rows: tuple[tuple[Limit, float], ...]
     penalty: float = PENALTY
+    target: float = 0.0
+
+    @cached_property
+    def plain(self) -> bool:
+        """Whether foot and target are the paper's."""
+        return self.biped.plain and self.target == 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,7 +88,9 @@ class Posture:
     K: Array
 
 
-def horizon(biped: Biped, tuning: Tuning, actuator: Actuator, required: dict[str, Required]) -> Horizon:
+def horizon(
+    biped: Biped, tuning: Tuning, actuator: Actuator, required: dict[str, Required], target: float = 0.0
+) -> Horizon:
     """The prediction for ``biped``: contact always, other limits where they are required to be kept.
 
     Where more than contact is required, contact itself comes first with a scale of its own, ``FIRM`` times the usual: a
@@ -94,13 +109,26 @@ def horizon(biped: Biped, tuning: Tuning, actuator: Actuator, required: dict[str
     if wishes:
         contact = [(replace(limit, scale=FIRM * limit.scale), level) for limit, level in contact]
     penalty = WISH if wishes else PENALTY
-    return Horizon(biped=biped, tuning=tuning, actuator=actuator, rows=(*contact, *wishes), penalty=penalty)
+    return Horizon(
+        biped=biped, tuning=tuning, actuator=actuator, rows=(*contact, *wishes), penalty=penalty, target=target
+    )
 
 
 def stationary(biped: Biped, F_x: float, F_y: float) -> tuple[float, float]:
     """A [N] and theta_f [rad] of (3)-(4) for the force (F_x, F_y) [N]."""
     down = biped.M * biped.g - F_y
     return math.hypot(down, F_x), math.atan2(-F_x, down)
+
+
+def resting(horizon: Horizon, F_x: float, F_y: float) -> tuple[float, float, float]:
+    """A [N], theta [rad] and tau [N m] of the posture to be reached; raises ``ArithmeticError`` where there is none."""
+    if horizon.plain:
+        return *stationary(horizon.biped, F_x, F_y), 0.0
+    rest = standing(horizon.biped, np.array([[F_x], [F_y]]), horizon.target)
+    if not rest.A[0] > 0:
+        message = "no posture has its CoP at the target"
+        raise ArithmeticError(message)
+    return float(rest.A[0]), float(rest.theta[0]), float(rest.tau[0])
 
 
 @lru_cache(maxsize=256)

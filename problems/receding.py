@@ -90,7 +90,7 @@ class Receding:
     """A ``Controller`` that plans anew at every call.
 
     ``delay`` counts the periods by which measurements are late. ``feedback`` (K_p, K_d) [N m/rad, N m s/rad] holds the
-    state to a plan's tail; ``fallback`` are the gains of law (20).
+    state to a plan's tail; ``fallback`` are the gains of law (20), ``target`` [m] its P_d.
     """
 
     biped: Biped
@@ -100,6 +100,7 @@ class Receding:
     feedback: tuple[float, float]
     fallback: Gains
     delay: int = 0
+    target: float = 0.0
 
     def start(self) -> Memory:
         """The memory at t = 0: no torque has been given."""
@@ -121,7 +122,7 @@ class Receding:
         else:
             plan, tally = None, Tally(planned, tail, law + 1)
             tau, integral = self._by_law(t, measurement, before, memory.integral)
-        tau = self.actuator.given(self._in_contact(tau, measurement), before)
+        tau = self.actuator.given(self._in_contact(tau, measurement, memory.torques[0]), before)
         reasons = _counted(memory.reasons, outcome)
         return tau, Memory(seen, (*memory.torques[1:], tau), plan, integral, tally, reasons)
 
@@ -154,7 +155,9 @@ class Receding:
 
     def _by_law(self, t: float, measurement: Measurement, before: float, integral: float | None) -> tuple[float, float]:
         """Law (20), taken over without a jump: its torque and its integral."""
-        law = SampledLaw(kind="cop", biped=self.biped, gains=self.fallback, period=self.actuator.period)
+        law = SampledLaw(
+            kind="cop", biped=self.biped, gains=self.fallback, period=self.actuator.period, target=self.target
+        )
         if integral is None:
             without, _ = law(t, measurement, 0.0)
             gain = self.fallback.K_f * self.biped.weight / self.biped.ell
@@ -162,8 +165,23 @@ class Receding:
         tau, after = law(t, measurement, integral)
         return (tau, after) if math.isfinite(tau) and math.isfinite(after) else (0.0, 0.0)
 
-    def _in_contact(self, tau: float, measurement: Measurement) -> float:
-        """The torque, as far as both ends of the foot then carry a part of the load that is measured."""
+    def _in_contact(self, tau: float, measurement: Measurement, before: float) -> float:
+        """The torque, as far as both ends of the foot then carry a part of the load that is measured.
+
+        ``before`` is the torque under which it was measured: a foot that is not the paper's tells by it where its CoP
+        goes, which a torque moves by (1 + h M L/I)/load.
+        """
         load = measurement.F_T + measurement.F_H
+        if not self.biped.plain:
+            return self._in_contact_from(tau, measurement, load, before)
         most = (1 - CARRIED) * self.biped.ell * load if math.isfinite(load) and load > 0 else 0.0
         return min(max(tau, -most), most) if math.isfinite(tau) else 0.0
+
+    def _in_contact_from(self, tau: float, measurement: Measurement, load: float, before: float) -> float:
+        biped = self.biped
+        turned = -float(biped.behind(measurement.F_T, measurement.F_H))  # P load
+        if not (math.isfinite(load) and load > 0 and math.isfinite(turned) and math.isfinite(tau)):
+            return 0.0
+        middle, room = biped.ell * biped.skew * load, (1 - CARRIED) * biped.ell * load
+        moved = 1 + biped.height * biped.M * biped.L / biped.I
+        return min(max(tau, before + (turned - middle - room) / moved), before + (turned - middle + room) / moved)

@@ -8,6 +8,7 @@ subject to  x_{k+1} = one Runge-Kutta step of (1)-(2) from x_k under tau_k, the 
             |tau_k| <= tau_max,  |tau_k - tau_{k-1}| <= rate times the step (times the period for k = 0)
             |tau_h| and |tau_h - tau_{N-1}| likewise, to within sigma (M + m) g ell
 
+tau in the cost and tau_h count from the torque tau_0 that holds the posture theta_f,k; the paper's foot needs none. And
 with xi_N = e_N + omega_N/Omega and tau_h = -A L xi_N. Limits that are infinite give no row. v is what the torque
 differs by from LQR's: the same program as one in tau, but its states do not run away from a wrong v, and eliminating
 them leaves a Hessian that is nearly the identity (exactly, where the model is linear: completing the square). Unknowns
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 
 from design.analysis.observer import Belief
 from design.model.plant import plant
+from design.model.standing import standing
 from design.solvers.sqp import Explicit
 from problems.prediction import Horizon, Posture, posture, stationary
 
@@ -54,20 +56,23 @@ def posed(horizon: Horizon) -> Posed:
     torque = SIZE * biped.M * biped.g * biped.L
 
     head, theta_f, F = ca.SX.sym("head", 11), ca.SX.sym("theta_f", N + 1), ca.SX.sym("F", 2, N + 1)
+    # the torque that holds each posture is a parameter only where there is one
+    held = ca.SX.zeros(N + 1) if horizon.plain else ca.SX.sym("held", N + 1)
     x0, AL, Omega, P, K, before = head[:2], head[2], head[3], ca.reshape(head[4:8], 2, 2), head[8:10], head[10]
     v, s, X = ca.SX.sym("v", N), ca.SX.sym("s"), ca.SX.sym("X", 2, N)
     sigma = SIZE * s
     x = ca.horzcat(x0, X * states)
     away = ca.vertcat(x[0, :] - theta_f.T, x[1, :])
-    tau = torque * v.T - K.T @ away[:, :N]
+    pull = torque * v.T - K.T @ away[:, :N]
+    tau = pull + held[:N].T
 
     dynamics = _runge_kutta(body.dynamics, tuning.step)
     following = [dynamics(x[:, k], tau[k], F[:, k], F[:, k + 1]) / states for k in range(N)]
-    cost = ca.sumsqr(away[0, :N]) + tuning.rate * ca.sumsqr(away[1, :N] / Omega) + tuning.torque * ca.sumsqr(tau / AL)
+    cost = ca.sumsqr(away[0, :N]) + tuning.rate * ca.sumsqr(away[1, :N] / Omega) + tuning.torque * ca.sumsqr(pull / AL)
     cost += ca.bilin(P, away[:, N]) + horizon.penalty * sigma
 
     xi = away[0, N] + away[1, N] / Omega
-    hold = -AL * xi
+    hold = held[N] - AL * xi
     points = [(x[:, k], tau[k], F[:, k]) for k in range(N)]
     points += [(x[:, N], hold, F[:, N]), (ca.vertcat(theta_f[N] + xi, 0), hold, F[:, N])]
     rows = [s]
@@ -84,15 +89,16 @@ def posed(horizon: Horizon) -> Posed:
 
     level = posture(biped, tuning, biped.M * biped.g)
     unit = 0.5 / (level.R + level.Bd @ level.P @ level.Bd) / torque**2  # the Hessian in v is then near one
+    numbers = [head, theta_f, ca.vec(F), *([] if horizon.plain else [held])]
     program = Explicit(
-        v=ca.vertcat(v, s), X=ca.vec(X), p=ca.vertcat(head, theta_f, ca.vec(F)), phi=ca.vertcat(*following),
+        v=ca.vertcat(v, s), X=ca.vec(X), p=ca.vertcat(*numbers), phi=ca.vertcat(*following),
         f=unit * cost, g=ca.vertcat(*rows), damp=np.append(np.zeros(N), 1e-4 * horizon.penalty * SIZE**2 * unit),
     )  # fmt: skip
     return Posed(program=program, torque=torque, states=states)
 
 
 class Numbers:
-    """The parameters of one call: theta_f (N+1), x (2), A L, Omega, K (2), and the vector ``p`` of all.
+    """The parameters of one call: theta_f and held (N+1), x (2), A L, Omega, K (2), and the vector ``p`` of all.
 
     ``model`` is a posture of nearly the same size.
     """
@@ -100,13 +106,20 @@ class Numbers:
     def __init__(self, horizon: Horizon, belief: Belief, before: float) -> None:
         biped, N = horizon.biped, horizon.tuning.horizon
         F = np.tile([[belief.F_x], [belief.F_y]], N + 1) if belief.ahead is None else belief.ahead
-        A, _ = stationary(biped, F[0, 0], F[1, 0])
-        self.theta_f = np.arctan2(-F[0], biped.M * biped.g - F[1])
+        if horizon.plain:
+            A, _ = stationary(biped, F[0, 0], F[1, 0])
+            self.theta_f, self.held = np.arctan2(-F[0], biped.M * biped.g - F[1]), np.zeros(N + 1)
+        else:
+            each = standing(biped, F, horizon.target)
+            if not (each.A > 0).all():
+                message = "no posture has its CoP at the target"
+                raise ArithmeticError(message)
+            A, self.theta_f, self.held = float(each.A[0]), each.theta, each.tau
         self.x = np.array([belief.theta, belief.omega])
         self.AL, self.Omega = A * biped.L, math.sqrt(A * biped.L / biped.I)
         self.model, P, self.K = _weights(horizon, A)
         head = (*self.x, self.AL, self.Omega, *P.ravel(), *self.K, before)
-        self.p = np.concatenate([head, self.theta_f, F.ravel(order="F")])
+        self.p = np.concatenate([head, self.theta_f, F.ravel(order="F"), *([] if horizon.plain else [self.held])])
 
 
 def _weights(horizon: Horizon, A: float) -> tuple[Posture, Array, Array]:

@@ -50,7 +50,8 @@ def simulated(poise):
 
 
 @pytest.mark.parametrize(
-    ("spec", "more", "most"), [("slope", (), 0.1), ("adult-slope", (), 0.2), ("wind", ("--scenario", "breeze"), 0.5)]
+    ("spec", "more", "most"),
+    [("slope", (), 0.1), ("adult-slope", (), 0.2), ("adult-foot", (), 0.1), ("wind", ("--scenario", "breeze"), 0.5)],
 )
 def test_the_force_of_a_simulated_run_is_found_again(poise, simulated, spec, more, most):
     if spec == "wind":
@@ -326,3 +327,20 @@ def test_the_scenario_of_a_recording_has_the_sign_of_the_force_on_the_body(poise
         points[sign] = np.array(load("o.toml").spec.scenarios[0].points)
     assert points[1] == pytest.approx(points[-1])
     assert np.interp(points[1][:, 0], t, cop - 0.04) * 300 == pytest.approx(points[1][:, 1], abs=0.5)
+
+
+def test_levers_of_the_foot_share_the_load_out(poise):
+    from design.analysis.simulate import simulate
+    from design.spec.setting import setting
+
+    its = setting(load("adult-foot").spec)
+    run = simulate(its.loop(), its.scenarios[0], its.given_gains(), 5e-3)
+    columns = np.column_stack([run.t, run.F_T + run.F_H, run.P, run.theta, run.tau])
+    np.savetxt("plate.csv", columns, delimiter=",", header="time_s,fz_n,cop_m,theta_rad,torque_nm", comments="")
+    read = ("--ankle", "0", "--columns", "time=time_s:s,fz=fz_n:N,cop=cop_m:m,angle=theta_rad:rad,torque=torque_nm:Nm")
+    found = json.loads(poise("estimate", "plate.csv", "--spec", "adult-foot", *read, "--format", "json"))
+    assert found["toe_force_n"]["min"] == pytest.approx(run.F_T.min(), rel=1e-6)
+    assert found["heel_force_n"]["min"] == pytest.approx(run.F_H.min(), rel=1e-6)
+    report = json.loads(poise("report", "adult-foot", "--record", "plate.csv", *read, "--format", "json"))
+    rows = {row["id"]: row["value"] for row in report["rows"]}
+    assert rows["cop-margin"] == pytest.approx(min((0.18 - run.P).min(), (0.06 + run.P).min()), rel=1e-6)

@@ -5,8 +5,11 @@ static
     Elsewhere (1), (5)-(7) and (11) say by how much they are off (``off``):
         F_x: tau/(L cos theta) - (I/(L cos theta) - M L sin theta tan theta) theta'' + M L omega² sin theta
         F_y: M L (theta'' sin theta + omega² cos theta),    tau = ell (F_H - F_T)
+    For a foot that is not the paper's L cos theta + h takes the place of L cos theta, I + M L h cos theta that of I,
+    and (F_T + F_H) (P_d - P) that of tau.
 dynamic
-    The filter of ``design.analysis.observer``, with the torque of (11), which works while the body moves.
+    The filter of ``design.analysis.observer``, with the torque of (11), which works while the body moves; for a foot
+    that is not the paper's with the moment that toe and heel force have about the point under the ankle.
 
 Each comes with what is known of its error, to first order: the ``spread`` that the sensors' noise makes, a standard
 deviation, and the ``bias`` that a body within its tolerances can make, a bound. A force that changes is read late.
@@ -17,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,33 +106,46 @@ def static_estimate(biped: Biped, theta: Array, F_T: Array, F_H: Array, target: 
 
 
 def off(biped: Biped, theta: Array, omega: Array, acceleration: Array, tau: Array) -> tuple[Array, Array]:
-    """By how much (17) and (16) are too large [N] in motion, with theta'' = ``acceleration`` [rad/s²]."""
+    """By how much (17) and (16) are too large [N] in motion, with theta'' = ``acceleration`` [rad/s²].
+
+    ``tau`` [N m]: (F_T + F_H) (P_d - P), the torque of the paper's foot.
+    """
     ML, s, c = biped.M * biped.L, np.sin(theta), np.cos(theta)
+    if biped.height:
+        high = biped.L * c + biped.height
+        ground = (biped.I + ML * biped.height * c - ML * biped.L * s * s) / high
+        return tau / high - ground * acceleration + ML * omega**2 * s, ML * (acceleration * s + omega**2 * c)
     inertia = biped.I / (biped.L * c) - ML * s * s / c
     return tau / (biped.L * c) - inertia * acceleration + ML * omega**2 * s, ML * (acceleration * s + omega**2 * c)
 
 
-def static(biped: Biped, signals: Signals, sensors: Sensors, tolerances: Tolerances) -> Estimate:
-    """(16)-(17) at every sample, each taken by itself; what motion does to it is not in its bounds."""
+def static(biped: Biped, signals: Signals, sensors: Sensors, tolerances: Tolerances, target: float = 0.0) -> Estimate:
+    """(16)-(17) at every sample, each taken by itself; what motion does to it is not in its bounds.
+
+    ``target`` [m] is where the law wants the CoP.
+    """
     theta, F_T, F_H = signals.theta, signals.F_T, signals.F_H
-    F = np.vstack(static_estimate(biped, theta, F_T, F_H))
+    F = np.vstack(static_estimate(biped, theta, F_T, F_H, target))
     load, tangent = F_T + F_H - biped.m * biped.g, np.tan(theta)
     sum_deviation = math.sqrt(2) * _deviation(sensors.force, sensors.force_step)
     angle = _deviation(sensors.angle, sensors.angle_step)
-    spread = np.vstack(
-        [np.hypot(tangent * sum_deviation, load * (1 + tangent**2) * angle), np.full_like(theta, sum_deviation)]
-    )
+    by_load, by_angle = tangent, load * (1 + tangent**2)
+    if not biped.plain or target:
+        high, along = biped.L * np.cos(theta) + biped.height, biped.L * np.sin(theta)
+        by_load, by_angle = (target - along) / high, (load * biped.L * np.cos(theta) - F[0] * along) / high
+    spread = np.vstack([np.hypot(by_load * sum_deviation, by_angle * angle), np.full_like(theta, sum_deviation)])
 
     def again(other: Biped) -> Array:
-        return np.vstack(static_estimate(other, theta, F_T, F_H))
+        return np.vstack(static_estimate(other, theta, F_T, F_H, target))
 
     return Estimate(t=signals.t, F=F, spread=spread, bias=_bias(biped, tolerances, again, F), lag=(0.0, 0.0))
 
 
-def at_rest(biped: Biped, signals: Signals, sensors: Sensors, tolerances: Tolerances) -> Rest:
+def at_rest(biped: Biped, signals: Signals, sensors: Sensors, tolerances: Tolerances, target: float = 0.0) -> Rest:
     """The static estimate from means over the last ``WINDOW`` of the signals, and whether the body rests there.
 
-    theta'' is taken from the slope of the rate. Raises ``ValueError`` for fewer than four samples.
+    At rest the CoP is at ``target`` [m]. theta'' is taken from the slope of the rate. Raises ``ValueError`` for fewer
+    than four samples.
     """
     begin = int(np.searchsorted(signals.t, signals.t[-1] - WINDOW - 1e-9))
     last = Signals(*(part[begin:] for part in signals))
@@ -138,22 +154,24 @@ def at_rest(biped: Biped, signals: Signals, sensors: Sensors, tolerances: Tolera
         message = f"got {n} samples within the last {WINDOW:g} s; needs 4"
         raise ValueError(message)
     whole = Signals(*(part.mean(keepdims=True) for part in last))
-    found = static(biped, whole, sensors, tolerances)
+    found = static(biped, whole, sensors, tolerances, target)
     spread = found.spread[:, 0] / math.sqrt(n)
     clock = last.t - last.t.mean()
     moment = float(clock @ clock)
     acceleration = float(clock @ last.omega) / moment if moment > 0 else 0.0
     parts = [Signals(*(part[piece].mean(keepdims=True) for part in last)) for piece in np.array_split(np.arange(n), 4)]
     moved = [
-        off(biped, part.theta, part.omega, np.array([acceleration]), biped.ell * (part.F_H - part.F_T))
+        off(biped, part.theta, part.omega, np.array([acceleration]), biped.behind(part.F_T, part.F_H, target))
         for part in parts
     ]
     most = np.abs(np.array(moved)[:, :, 0]).max(axis=0)
     force = _deviation(sensors.force, sensors.force_step)
     rate = _deviation(sensors.rate, sensors.rate_step)
+    lean, high = biped.skew - target / biped.ell, biped.L + biped.height
+    ground = biped.I + biped.M * biped.L * biped.height
     noise = math.hypot(
-        biped.ell * math.sqrt(2) * force / (biped.L * math.sqrt(n / 4)),
-        biped.I / biped.L * rate / math.sqrt(moment) if moment > 0 else 0.0,
+        biped.ell * math.sqrt(2 + 2 * lean**2) * force / (high * math.sqrt(n / 4)),
+        ground / high * rate / math.sqrt(moment) if moment > 0 else 0.0,
     )
     allowed = REST * biped.weight + 3 * noise
     angle = _deviation(sensors.angle, sensors.angle_step)
@@ -162,9 +180,10 @@ def at_rest(biped: Biped, signals: Signals, sensors: Sensors, tolerances: Tolera
     stationary = bool(most.max() <= allowed) and not drifts
     why = ""
     if not stationary:
-        tau, omega = biped.ell * float(whole.F_H[0] - whole.F_T[0]), float(whole.omega[0])
+        tau, omega = float(biped.behind(whole.F_T[0], whole.F_H[0], target)), float(whole.omega[0])
+        what = "torque" if biped.plain and target == 0.0 else "moment about the target of the CoP"
         why = (
-            f"torque {tau:.3g} N m, rate {math.degrees(omega):.3g} deg/s, acceleration"
+            f"{what} {tau:.3g} N m, rate {math.degrees(omega):.3g} deg/s, acceleration"
             f" {math.degrees(acceleration):.3g} deg/s² over the last {last.t[-1] - last.t[0]:.2g} s: (16)-(17) are off"
             f" by up to {most[0]:.3g} N and {most[1]:.3g} N there"
         )
@@ -197,7 +216,7 @@ def dynamic(
     if np.isnan(signals.omega).all():
         sensors = replace(sensors, rate=math.inf, rate_step=0.0)
         signals = signals._replace(omega=np.zeros_like(signals.t))
-    watch = observer(biped, replace(sensors, delay=0.0), period=period, walk=walk)
+    watch = observer(biped, replace(sensors, delay=0.0), period=period, walk=walk, on_ground=not biped.plain)
     usable = np.all(np.isfinite(signals), axis=0) & (True if valid is None else np.asarray(valid, dtype=bool))
     F = _filtered(watch, signals, usable)
 
@@ -215,7 +234,7 @@ def _filtered(watch: Observer, signals: Signals, usable: Array) -> Array:
     F = np.full((2, len(signals.t)), np.nan)
     if not usable.any():
         return F
-    tau = watch.biped.ell * (signals.F_H - signals.F_T)  # (11)
+    tau = _drive(watch.biped, signals.F_T, signals.F_H)
     tau = np.interp(signals.t, signals.t[usable], tau[usable])
     middle = np.append(tau[:1], 0.5 * (tau[1:] + tau[:-1]))
     seen: Seen | None = None
@@ -230,6 +249,11 @@ def _filtered(watch: Observer, signals: Signals, usable: Array) -> Array:
         if seen is not None:
             F[:, k] = seen.F_x, seen.F_y
     return F
+
+
+def _drive(biped: Biped, F_T: Any, F_H: Any) -> Any:
+    """The torque (11) [N m]; of a foot that is not the paper's, what toe, heel and its weight turn about the ground."""
+    return biped.behind(F_T, F_H) + biped.tilt
 
 
 def _spread(watch: Observer, signals: Signals, usable: Array, F: Array, sensors: Sensors) -> Array:
@@ -280,18 +304,18 @@ def _begun(watch: Observer, G: Array, noise: Array) -> Array:
 
 def _linear(watch: Observer, signals: Signals, k: int, F: Array) -> tuple[Array, Array]:
     """How an update of the filter passes on its errors (5, 5), and the measurement's noise (5, 4); by differences."""
-    ell, weight = watch.biped.ell, watch.biped.weight
+    biped, weight = watch.biped, watch.biped.weight
     t = float(signals.t[k])
-    tau = ell * float(signals.F_H[k] - signals.F_T[k])
+    tau = float(_drive(biped, signals.F_T[k], signals.F_H[k]))
     state = np.array([signals.theta[k], signals.omega[k], *F, tau])
     measured = np.array([signals.theta[k], signals.omega[k], signals.F_T[k], signals.F_H[k]])
 
     def update(z: Array, m: Array) -> Array:
-        now = ell * float(m[3] - m[2])
+        now = float(_drive(biped, m[2], m[3]))
         seen = watch.corrected(t, Measurement(*m.tolist()), 0.5 * (float(z[4]) + now), Seen(*z[:4].tolist()), now)
         return np.array([*seen, now])
 
-    sizes = 1e-4 * np.array([1.0, 1.0, weight, weight, weight * ell])
+    sizes = 1e-4 * np.array([1.0, 1.0, weight, weight, weight * biped.ell])
     J = np.column_stack([(update(state + d, measured) - update(state - d, measured)) for d in np.diag(sizes)])
     ways = 1e-4 * np.array([1.0, 1.0, weight, weight])
     G = np.column_stack([(update(state, measured + d) - update(state, measured - d)) for d in np.diag(ways)])

@@ -169,13 +169,15 @@ def survival_rows(setting: Setting, loop: ClosedLoop, gains: Gains, distrust: st
         ]  # fmt: skip
     slope, impulse = step_slope(loop, gains, setting.step), push(loop, gains, setting.step)
     biped = setting.biped
-    light = math.atan(min(biped.toe, biped.heel) / (biped.L + biped.height))
+    light = math.atan(biped.ell / biped.L)
+    foot = ""
+    if setting.plain:
+        foot = f"; {100 * slope.survived / light:.1f} % of the {math.degrees(light):.2f} deg of a massless foot"
     return [
         _row(setting, id="step-slope", equation="(6)", scenario=None, unit="deg", value=math.degrees(slope.survived),
              basis="sampled", sense="at least",
              note=f"{100 * slope.share:.1f} % of the {math.degrees(slope.limit):.2f} deg that any ankle controller can"
-                  f" survive; {100 * slope.survived / light:.1f} % of the {math.degrees(light):.2f} deg of a massless"
-                  " foot"),
+                  f" survive{foot}"),
         _row(setting, id="push", equation="(6)", scenario=None, unit="N s", value=impulse.survived, basis="sampled",
              sense="at least", note=_share(impulse)),
     ]  # fmt: skip

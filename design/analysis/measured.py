@@ -26,11 +26,11 @@ def judge_record(setting: Setting, record: Record) -> Verdict:
     if record.F_T is None or record.F_H is None or record.P is None or record.load is None:
         message = "has no contact forces; a report needs toe and heel force, or a vertical force and its CoP"
         raise BadInput(message, file=record.origin)
-    ell = record.biped.ell
+    foot = record.biped
     components: dict[str, Array] = {
         "toe-force": record.F_T[None, :],
         "heel-force": record.F_H[None, :],
-        "cop-margin": np.vstack([ell - record.P, ell + record.P]),
+        "cop-margin": np.vstack([foot.toe - record.P, foot.heel + record.P]),
     }
     if record.torque is not None:
         components["torque"] = np.vstack([record.torque, -record.torque])

@@ -5,6 +5,11 @@ F_y by (5)-(7); F_x shows in the rate, by (2), one period late: that is what a s
 The prediction is the nonlinear model under the torque that was applied; at rest both estimates are (16) and (17).
 Who is told the force estimates, more slowly, what is missing in it: a body that is not the nominal one acts like a
 force.
+Who does not know the torque, but what toe and heel force turn about the point *on the ground* under an ankle of height
+h, has for (2) the moments about that point:
+
+    (I + M L h cos theta) theta'' = (M g - F_y) L sin theta + F_x (L cos theta + h) + moment + h M L omega² sin theta
+
 Measurements that are ``delay`` periods old are brought up to now with the torques given since.
 """
 
@@ -71,7 +76,7 @@ class Observer:
 
     ``gain`` (3, 2) corrects theta, omega and F_x by the errors of angle and rate, ``gain_y`` F_y by that of the load.
     ``known`` gives the force (F_x, F_y) that is told at a time, and ``future`` the one over the prediction that begins
-    then; what is estimated is then what is missing in it.
+    then; what is estimated is then what is missing in it. ``on_ground``: torques are moments about the ground.
     """
 
     biped: Biped
@@ -81,6 +86,7 @@ class Observer:
     gain_y: float
     known: Callable[[float], tuple[float, float]] | None = None
     future: Callable[[float], Array] | None = None
+    on_ground: bool = False
 
     def start(self) -> None:
         """Nothing is known before the first measurement."""
@@ -134,7 +140,10 @@ class Observer:
         s, c = math.sin(theta), math.cos(theta)
         if tau_now is not None:
             tau = tau_now
-        acceleration = ((M * g - F_y) * L * s + F_x * L * c + tau) / self.biped.I  # (2)
+        if self.on_ground:
+            acceleration = _on_ground(self.biped, theta, omega, tau, F_x, F_y)
+        else:
+            acceleration = ((M * g - F_y) * L * s + F_x * L * c + tau) / self.biped.I  # (2)
         down = M * L * (acceleration * s + omega**2 * c)
         apparent = self.biped.weight - (F_T + F_H) - down  # (5)-(7); at rest (16)
         return Seen(theta, omega, missing_x, missing_y + gain_y * (apparent - F_y))
@@ -142,6 +151,8 @@ class Observer:
     def _ahead(self, theta: float, omega: float, tau: float, F_x: float, F_y: float) -> tuple[float, float]:
         """One period later, by a Runge-Kutta step of (1)-(2)."""
         h, I, sin, cos = self.period, self.biped.I, math.sin, math.cos
+        if self.on_ground:
+            return _ahead_on_ground(self.biped, h, theta, omega, tau, F_x, F_y)
         down, push = (self.biped.M * self.biped.g - F_y) * self.biped.L, F_x * self.biped.L
         k1 = (down * sin(theta) + push * cos(theta) + tau) / I
         middle = theta + h / 2 * omega
@@ -153,6 +164,23 @@ class Observer:
         return theta + h * omega + h * h / 6 * (k1 + k2 + k3), omega + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
+def _ahead_on_ground(
+    biped: Biped, h: float, theta: float, omega: float, moment: float, F_x: float, F_y: float
+) -> tuple[float, float]:
+    """The same by the moments about the ground, which ask for the rate too."""
+    k1 = _on_ground(biped, theta, omega, moment, F_x, F_y)
+    k2 = _on_ground(biped, theta + h / 2 * omega, omega + h / 2 * k1, moment, F_x, F_y)
+    k3 = _on_ground(biped, theta + h / 2 * omega + h * h / 4 * k1, omega + h / 2 * k2, moment, F_x, F_y)
+    k4 = _on_ground(biped, theta + h * omega + h * h / 2 * k2, omega + h * k3, moment, F_x, F_y)
+    return theta + h * omega + h * h / 6 * (k1 + k2 + k3), omega + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def _on_ground(biped: Biped, theta: float, omega: float, moment: float, F_x: float, F_y: float) -> float:
+    M, L, h, s, c = biped.M, biped.L, biped.height, math.sin(theta), math.cos(theta)
+    turning = (M * biped.g - F_y) * L * s + F_x * (L * c + h) + moment + h * M * L * omega**2 * s
+    return turning / (biped.I + M * L * h * c)
+
+
 def observer(
     biped: Biped,
     sensors: Sensors,
@@ -161,6 +189,7 @@ def observer(
     walk: float,
     known: Callable[[float], tuple[float, float]] | None = None,
     future: Callable[[float], Array] | None = None,
+    on_ground: bool = False,
 ) -> Observer:
     """The observer that is best on average for these ``sensors`` if the force walks by ``walk`` [N/√s].
 
@@ -168,19 +197,21 @@ def observer(
     """
     if known is not None:
         walk *= MISSING
-    gain, gain_y = _gains(biped, sensors, period, walk)
+    gain, gain_y = _gains(biped, sensors, period, walk, on_ground)
     return Observer(
         biped=biped, period=period, delay=round(sensors.delay / period), gain=gain, gain_y=gain_y, known=known,
-        future=future,
+        future=future, on_ground=on_ground,
     )  # fmt: skip
 
 
 @lru_cache(maxsize=64)
-def _gains(biped: Biped, sensors: Sensors, period: float, walk: float) -> tuple[tuple[tuple[float, float], ...], float]:
+def _gains(
+    biped: Biped, sensors: Sensors, period: float, walk: float, on_ground: bool
+) -> tuple[tuple[tuple[float, float], ...], float]:
     """Stationary Kalman gains about the upright posture on level ground; an infinite deviation: not measured."""
     import scipy.linalg
 
-    A = _free(biped, period)
+    A = _free(biped, period, on_ground)
     # a floor far below any sensor's resolution keeps the equation solvable for exact sensors
     angle = _variance(sensors.angle, sensors.angle_step) + 1e-7**2
     rate = _variance(sensors.rate, sensors.rate_step) + 1e-6**2
@@ -198,8 +229,8 @@ def _gains(biped: Biped, sensors: Sensors, period: float, walk: float) -> tuple[
 def lag(watch: Observer) -> tuple[float, float]:
     """How late [s] a force that changes evenly is read, F_x about the upright posture, and F_y."""
     biped, h = watch.biped, watch.period
-    push = biped.L / biped.I
-    A = _free(biped, h)
+    push = _upright(biped, watch.on_ground)[1]
+    A = _free(biped, h, watch.on_ground)
     K = np.array(watch.gain)
     keep = np.eye(3) - K @ np.eye(2, 3)
     within = np.array([push * h**3 / 6, push * h**2 / 2, h])  # what a rise by 1 N/s does in a period
@@ -207,12 +238,19 @@ def lag(watch: Observer) -> tuple[float, float]:
     return float(error[2]), h * (1 - watch.gain_y) / watch.gain_y
 
 
-def _free(biped: Biped, period: float) -> Array:
+def _upright(biped: Biped, on_ground: bool) -> tuple[float, float]:
+    """What theta [rad] and F_x [N] make of theta'' about the upright posture on level ground."""
+    height = biped.height if on_ground else 0.0
+    inertia = biped.I + biped.M * biped.L * height
+    return biped.M * biped.g * biped.L / inertia, (biped.L + height) / inertia
+
+
+def _free(biped: Biped, period: float, on_ground: bool) -> Array:
     """How theta, omega and F_x go on over a period, about the upright posture on level ground."""
     import scipy.linalg
 
-    stiffness = biped.M * biped.g * biped.L / biped.I
-    rates = np.array([[0.0, 1.0, 0.0], [stiffness, 0.0, biped.L / biped.I], [0.0, 0.0, 0.0]])
+    stiffness, push = _upright(biped, on_ground)
+    rates = np.array([[0.0, 1.0, 0.0], [stiffness, 0.0, push], [0.0, 0.0, 0.0]])
     return np.asarray(scipy.linalg.expm(rates * period))
 
 

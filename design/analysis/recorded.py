@@ -96,7 +96,7 @@ def _dynamic(record: Record, setting: Setting, theta: Array, F_T: Array, F_H: Ar
     F_x, F_y = (
         np.interp(record.t, found.t[np.isfinite(row)], row[np.isfinite(row)]) if every > 1 else row for row in F
     )
-    static_x, _ = static_estimate(record.biped, theta, F_T, F_H)
+    static_x, _ = static_estimate(record.biped, theta, F_T, F_H, setting.target)
     how = f"dynamic: from angle, contact forces and (11), with {said}"
     spread, bias = _means(found.spread), _means(found.bias) if _has_tolerances(setting) else None
     if record.ankle_assumed:
@@ -153,7 +153,8 @@ def least(record: Record, values: Array | None) -> Least | None:
 
 def cop_margin(record: Record) -> Array | None:
     """Distance of the CoP from the nearer end of the foot (n,) [m]."""
-    return None if record.P is None else record.biped.ell - np.abs(record.P)
+    foot = record.biped
+    return None if record.P is None else np.minimum(foot.toe - record.P, foot.heel + record.P)
 
 
 def thinned(t: Array, values: Array) -> tuple[Array, Array]:

@@ -58,6 +58,13 @@ class Biped:
         """The centre of pressure P [m] from the ankle, toe side positive, (18)."""
         return ((1.0 + self.skew) * F_T - (1.0 - self.skew) * F_H) * self.ell / (F_T + F_H)
 
+    def behind(self, F_T: Any, F_H: Any, target: float = 0.0) -> Any:
+        """(F_T + F_H) (P_d - P) [N m], how far P is behind ``target`` [m]: ell (F_H - F_T) of the paper's foot."""
+        lean = self.skew - target / self.ell
+        if lean == 0.0:
+            return self.ell * (F_H - F_T)
+        return self.ell * ((1.0 - lean) * F_H - (1.0 + lean) * F_T)
+
     @property
     def tilt(self) -> float:
         """Moment about the ankle of the foot's own weight, which acts in the middle of its length [N m]."""

@@ -10,8 +10,9 @@ ankle
 
     l_T F_T - l_H F_H = -tau + c m g - h f_x,    P = (l_T F_T - l_H F_H)/N
 
-F_T = (l_H N - tau + c m g - h f_x)/(l_T + l_H) and F_H = (l_T N + tau - c m g + h f_x)/(l_T + l_H). The formulas are
-written such that for the paper's foot they are (5), (6) and (18) to the last digit.
+F_T = (l_H N - tau + c m g - h f_x)/(l_T + l_H) and F_H = (l_T N + tau - c m g + h f_x)/(l_T + l_H). What a slope
+does to the foot itself along the ground is left out of f_x, as the paper leaves it out. The formulas are written such
+that for the paper's foot they are (5), (6) and (18) to the last digit.
 """
 
 from __future__ import annotations

@@ -41,6 +41,9 @@ from design.model.standing import Place, met, standing
 
 Array = NDArray[np.float64]
 
+MOST = 200
+"""Environments that are all looked at where the foot is not the paper's; of more those that are farthest out."""
+
 
 def characteristic(
     biped: Biped, kind: LawKind, K: Any, A: Any, load: Any, adapt: float = math.inf, beta: Any = 0.0
@@ -236,7 +239,8 @@ def deciding_points(kind: LawKind, A: Array, load: Array, adapt: float = math.in
 def deciding_places(biped: Biped, kind: LawKind, F: Array, adapt: float = math.inf, target: float = 0.0) -> list[Place]:
     """Of the environments with forces ``F`` (2, j) [N], those that decide linear stability: ``deciding_points``.
 
-    For a foot or a target that is not the paper's all that differ, but under law pd, which does not ask the foot.
+    For a foot or a target that is not the paper's all that differ, up to ``MOST``; not under law pd, which does not ask
+    the foot.
     """
     down = biped.M * biped.g - F[1]
     if kind == "pd" or (biped.plain and target == 0.0):
@@ -244,7 +248,25 @@ def deciding_places(biped: Biped, kind: LawKind, F: Array, adapt: float = math.i
         return [Place(float(A), float(load)) for A, load in zip(*points, strict=True)]
     found = standing(biped, F, target)
     load = bearing(found.load) if kind == "cop" else np.full_like(found.load, found.load[0])
-    return sorted(set(found._replace(A=found.A.round(9), load=load.round(9), beta=found.beta.round(9)).places))
+    distinct = np.unique(np.column_stack([found.A, load, found.beta]).round(9), axis=0)
+    return [Place(*map(float, each)) for each in _outermost(distinct)]
+
+
+def _outermost(points: Array) -> Array:
+    """``points`` (n, 3), or, of more than ``MOST``, those farthest out in many directions and some evenly between."""
+    if len(points) <= MOST:
+        return points
+    size = np.ptp(points, axis=0)
+    unit = (points - points.mean(axis=0)) / np.where(size > 0, size, 1.0)
+    turns = np.linspace(0.0, 2 * math.pi, 24, endpoint=False)
+    ways = np.array(
+        [[math.cos(a) * c, math.sin(a) * c, s] for a in turns for c, s in ((1, 0), (0.7, 0.7), (0.7, -0.7))]
+    )
+    chosen = {
+        *np.argmax(unit @ ways.T, axis=0).tolist(),
+        *np.linspace(0, len(points) - 1, MOST // 2).astype(int).tolist(),
+    }
+    return points[sorted(chosen)]
 
 
 def routh_hurwitz(

@@ -48,7 +48,7 @@ def gif_bytes(biped: Biped, run: Trajectory) -> bytes:
 
 
 def _frame(ax: Axes, biped: Biped, run: Trajectory, k: int) -> None:
-    L, ell = biped.L, biped.ell
+    L, toe, heel = biped.L, biped.toe, biped.heel
     alpha = float(run.alpha[k]) if run.alpha is not None else 0.0
     along = np.array([math.cos(alpha), -math.sin(alpha)])  # the ground, downhill on the toe side
     up = np.array([math.sin(alpha), math.cos(alpha)])
@@ -57,21 +57,25 @@ def _frame(ax: Axes, biped: Biped, run: Trajectory, k: int) -> None:
     lost = run.F_T[k] < 0 or run.F_H[k] < 0
     scale = 0.55 * L / biped.weight  # metres a newton
 
-    ground = np.array([-1.4 * L * along, 1.4 * L * along])
+    under = -biped.height * up  # the point of the ground under the ankle
+    ground = np.array([-1.4 * L * along, 1.4 * L * along]) + under
     ax.fill_between(ground[:, 0], ground[:, 1], -2 * L, color="#ece8df")
     ax.plot(ground[:, 0], ground[:, 1], color=GREY, linewidth=1)
-    foot = np.array([-ell * along, ell * along])
+    foot = np.array([-heel * along, toe * along]) + under
+    if biped.height:
+        outline = np.array([foot[0], [0.0, 0.0], foot[1]])
+        ax.fill(outline[:, 0], outline[:, 1], color=RED if lost else "black", alpha=0.35, linewidth=0)
     ax.plot(foot[:, 0], foot[:, 1], color=RED if lost else "black", linewidth=6, solid_capstyle="round")
     tip = 1.6 * L * body
     ax.plot([0, tip[0]], [0, tip[1]], color="#333333", linewidth=5, solid_capstyle="round")
     ax.plot(*(L * body), "o", color="white", markeredgecolor="#333333", markersize=11)
-    for place, force, colour in ((ell, run.F_T[k], BLUE), (-ell, run.F_H[k], ORANGE)):
-        _arrow(ax, place * along, scale * force * up, colour)
+    for place, force, colour in ((toe, run.F_T[k], BLUE), (-heel, run.F_H[k], ORANGE)):
+        _arrow(ax, place * along + under, scale * force * up, colour)
     push = run.F[0, k] * along + run.F[1, k] * up
     if np.hypot(*push) > 1e-9:
         _arrow(ax, L * body, scale * push * 2, RED)
-    if abs(run.P[k]) <= ell:
-        ax.plot(*(run.P[k] * along), "^", color=RED, markersize=8, zorder=5)
+    if -heel <= run.P[k] <= toe:
+        ax.plot(*(run.P[k] * along + under), "^", color=RED, markersize=8, zorder=5)
     ax.set_aspect("equal")
     ax.set_xlim(-1.1 * L, 1.1 * L)
     ax.set_ylim(-0.55 * L, 1.75 * L)

@@ -30,8 +30,7 @@ def as_html(report: Report, pen: Executor | None = None) -> str:
         return hand.submit(_drawn, figure, *records)
 
     runs = [
-        (run.scenario, draw(plots.run_figure, [run], report.setting.biped.ell, ""))
-        for run in report.verdict.trajectories
+        (run.scenario, draw(plots.run_figure, [run], report.setting.biped, "")) for run in report.verdict.trajectories
     ]
     figures = {row: draw(report_plots.limit_figure, parts) for row, parts in _by_row(report.verdict.series)}
     loop: list[tuple[str, Future[str]]] = []

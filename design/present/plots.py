@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from design.analysis.simulate import Trajectory
 from design.errors import BadInput
+from design.model.body import Biped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes
@@ -95,8 +96,8 @@ def plain(ax: Axes) -> None:
         ax.spines[side].set_visible(False)
 
 
-def run_figure(runs: Sequence[Trajectory], ell: float, title: str) -> Figure:
-    """One column a scenario: angle, contact forces, estimated force, torque, CoP within the foot (``ell`` [m])."""
+def run_figure(runs: Sequence[Trajectory], foot: Biped, title: str) -> Figure:
+    """One column a scenario: angle, contact forces, estimated force, torque, CoP within the ``foot``."""
     figure, grid = canvas(max(6.4, 4.6 * len(runs)), 11.0, 5, len(runs), sharex="col")
     if title:
         figure.suptitle(title, fontsize=10, y=1 - 0.06 / 11.0)
@@ -106,7 +107,7 @@ def run_figure(runs: Sequence[Trajectory], ell: float, title: str) -> Figure:
         _contact(axes[1], run)
         _estimate(axes[2], run)
         _torque(axes[3], run)
-        _cop(axes[4], run, ell)
+        _cop(axes[4], run, foot)
         heading(axes[0], run.scenario)
         axes[-1].set_xlabel("time [s]")
         for ax in axes:
@@ -159,21 +160,20 @@ def _torque(ax: Axes, run: Trajectory) -> None:
     ax.set_ylabel("ankle torque [N m]")
 
 
-def _cop(ax: Axes, run: Trajectory, ell: float) -> None:
-    reach = 1.5 * ell
-    P = np.clip(run.P, -reach, reach)
-    ax.axhspan(-1e3 * ell, 1e3 * ell, color="#eef3ee")
-    for end, name in ((1e3 * ell, "toe"), (-1e3 * ell, "heel")):
+def _cop(ax: Axes, run: Trajectory, foot: Biped) -> None:
+    ell, toe, heel = foot.ell, foot.toe, foot.heel
+    P = np.clip(run.P, -heel - 0.5 * ell, toe + 0.5 * ell)
+    ax.axhspan(-1e3 * heel, 1e3 * toe, color="#eef3ee")
+    for end, name in ((1e3 * toe, "toe"), (-1e3 * heel, "heel")):
         ax.axhline(end, color="black", linewidth=1.0)
         ax.annotate(name, (run.t[0], end), xytext=(3, 2), textcoords="offset points", fontsize=8)
     ax.plot(run.t, 1e3 * P, color=BLUE)
-    outside = np.abs(P) > ell
+    outside = (toe < P) | (-heel > P)
     if outside.any():
-        edge = np.sign(P) * ell
+        edge = np.where(P > 0, toe, -heel)
         ax.fill_between(run.t, 1e3 * edge, 1e3 * P, where=outside, **BROKEN)
-    ax.set_ylim(
-        -1e3 * 1.3 * ell if not outside.any() else -1e3 * reach, 1e3 * (1.3 * ell if not outside.any() else reach)
-    )
+    room = (0.5 if outside.any() else 0.3) * ell
+    ax.set_ylim(-1e3 * (heel + room), 1e3 * (toe + room))
     ax.set_ylabel("CoP [mm]")
 
 

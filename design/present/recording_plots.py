@@ -61,17 +61,18 @@ def _missing(ax: Axes, record: Record) -> None:
 
 def _cop(ax: Axes, record: Record, found: Estimates) -> None:
     assert record.P is not None
-    end = 1e3 * record.biped.ell
+    toe, heel = 1e3 * record.biped.toe, 1e3 * record.biped.heel
+    end = max(toe, heel)
     t, P = thinned(record.t, np.where(record.valid, 1e3 * record.P, np.nan))
     reach = 1.25 * max(end, float(np.nanmax(np.abs(P))) if np.isfinite(P).any() else end)
-    for sign, name in ((1, "toe"), (-1, "heel")):
-        ax.axhspan(sign * end, sign * reach, **{**BROKEN, "alpha": 0.5})
-        ax.axhline(sign * end, color="black", linewidth=1.0)
-        ax.annotate(name, (record.t[0], sign * end), xytext=(3, 3 if sign > 0 else -10), textcoords="offset points",
+    for sign, lever, name in ((1, toe, "toe"), (-1, heel, "heel")):
+        ax.axhspan(sign * lever, sign * reach, **{**BROKEN, "alpha": 0.5})
+        ax.axhline(sign * lever, color="black", linewidth=1.0)
+        ax.annotate(name, (record.t[0], sign * lever), xytext=(3, 3 if sign > 0 else -10), textcoords="offset points",
                     fontsize=8, fontweight="bold")  # fmt: skip
     ax.axhline(0.0, color=GREY, linewidth=0.8, linestyle=":")
     ax.plot(t, P, color=BLUE, linewidth=1.1)
-    if (outside := np.abs(P) > end).any():
+    if (outside := (toe < P) | (-heel > P)).any():
         ax.plot(t[outside], P[outside], ".", color=RED, markersize=3)
     ax.set_ylim(-reach, reach)
     ax.set_ylabel("CoP from ankle [mm]")

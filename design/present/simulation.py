@@ -58,7 +58,7 @@ def render(
         told = [[*text.trajectory_lines(run), *_estimate_lines(estimates(problem, run))] for run in runs]
         result = "\n".join([head, *(line for lines in told for line in lines)]) + "\n"
     if plot and picture:
-        figure = plots.run_figure(runs, problem.biped.ell, f"{source.spec.name}: {text.gains_line(its, problem.law)}")
+        figure = plots.run_figure(runs, problem.biped, f"{source.spec.name}: {text.gains_line(its, problem.law)}")
         store.write(plot, plots.figure_bytes(figure, picture))
     if animate:
         from design.present.animation import gif_bytes
@@ -78,7 +78,7 @@ def estimates(problem: Setting, run: Trajectory) -> dict[str, Any] | None:
         return None
     given = (problem.biped, signals, problem.sensors, problem.tolerances)
     try:
-        rest = at_rest(*given)
+        rest = at_rest(*given, problem.target)
     except ValueError:
         return None
     moving = dynamic(*given, walk=problem.tuning.walk * problem.biped.weight)
@@ -91,7 +91,8 @@ def estimates(problem: Setting, run: Trajectory) -> dict[str, Any] | None:
     return {
         "static": {
             "fx_n": rest.F[0], "fy_n": rest.F[1], "stationary": rest.stationary, "off_n": list(rest.off),
-            "noise_n": list(rest.spread), "tolerance_n": list(rest.bias), "largest_error_n": largest(static(*given).F),
+            "noise_n": list(rest.spread), "tolerance_n": list(rest.bias),
+            "largest_error_n": largest(static(*given, problem.target).F),
             "note": rest.why,
         },
         "dynamic": {

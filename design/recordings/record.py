@@ -129,8 +129,9 @@ class Trial:
             checks.posture(theta[good], contact.load[good], contact.P[good], angle, body, file, confirmed=confirmed)
         tau = self.columns.get("torque")
         if tau is not None and contact.F_T is not None and contact.F_H is not None:
+            implied = body.behind(contact.F_T, contact.F_H) + body.tilt
             checks.torque(
-                tau[good], body.ell * (contact.F_H - contact.F_T)[good], self.columns.quantities["torque"], file,
+                tau[good], implied[good], self.columns.quantities["torque"], file,
                 size_known=given or not {"toe", "heel"} <= set(used) or "cop" in used,
                 place_known=not contact.ankle_assumed,
             )  # fmt: skip
@@ -263,12 +264,12 @@ class Trial:
         seconds = float(self.time.t[-1] - self.time.t[0])
         if toe is not None and heel is not None:
             with np.errstate(all="ignore"):
-                P = np.where(good, (toe - heel) * biped.ell / np.where(load == 0, np.nan, load), np.nan)  # (18)
+                P = np.where(good & (load != 0), biped.pressure(toe, heel), np.nan)
             if cop is not None:
                 if not given and (ratio := _foot_ratio(cop, P, good)) is not None:
                     biped, P = replace(biped, ell=ratio * biped.ell), ratio * P
                     foot = f"{biped.ell:.4g} m from ankle to toe and heel, as toe force, heel force and CoP say"
-                formula = "(F_T - F_H) ell / (F_T + F_H)"
+                formula = "(F_T - F_H) ell / (F_T + F_H)" if not biped.skew else "(F_T toe - F_H heel) / (F_T + F_H)"
                 said = checks.agreement(cop[good], P[good], None, self.columns.quantities["cop"], formula, file)
                 _note(said, notes, warnings)
             assumed += [f"{foot} (give --spec)"] if foot else []
@@ -292,8 +293,8 @@ class Trial:
         confirmed = my is not None and "cop" in self.columns.quantities
         warnings += checks.reach(cop[good], source, biped.ell, seconds, file, confirmed=confirmed)
         P, place, unknown = self._from_ankle(cop, good, assumed)
-        checks.within(P[good], biped.ell, place, file)
-        difference = P * load / biped.ell  # (18)
+        checks.within(P[good], max(biped.toe, biped.heel), place, file)
+        difference = (P - biped.ell * biped.skew) * load / biped.ell  # (18)
         return _Contact(
             biped=biped, empty=empty, lost=lost, load=load, F_T=0.5 * (load + difference),
             F_H=0.5 * (load - difference), P=P, cop=cop, horizontal=horizontal, ankle_assumed=unknown,

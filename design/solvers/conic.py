@@ -96,11 +96,15 @@ CAREFUL: dict[str, Any] = {"max_iter": 500}
 class Clarabel:
     """Clarabel on one program: set up once, its numbers updated, solved as often as wanted.
 
-    Scaled when it is set up: what it returns depends on that program and the present one, on nothing between.
+    Scaled when it is set up: what it returns depends on that program and the present one, on nothing between. Answers
+    are measured by ``tolerance``, and Clarabel is asked for a tenth of it; of the gap for ``gap``, where that is given.
     """
 
-    def __init__(self, program: ConicProgram, *, tolerance: float = 1e-6, seconds: float = math.inf) -> None:
+    def __init__(
+        self, program: ConicProgram, *, tolerance: float = 1e-6, gap: float | None = None, seconds: float = math.inf
+    ) -> None:
         self._tolerance, self._seconds = tolerance, seconds
+        self._gap = 0.1 * tolerance if gap is None else gap
         self._upper = sp.triu(program.P, format="csc")
         self._set(program)
         self._solver = self._set_up()
@@ -184,7 +188,7 @@ class Clarabel:
         settings.verbose = False
         settings.max_threads = 1
         settings.time_limit = self._seconds
-        settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = 0.1 * self._tolerance
+        settings.tol_feas, settings.tol_gap_abs, settings.tol_gap_rel = 0.1 * self._tolerance, self._gap, self._gap
         if updatable:
             settings.presolve_enable = False
             settings.chordal_decomposition_enable = False

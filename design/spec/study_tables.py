@@ -86,7 +86,9 @@ class UncertaintyTable(Table):
     com_height_m: Tolerance = Field(default_factory=_exactly, description="± of the centre of gravity's height [m]")
     inertia_kgm2: Tolerance = Field(default_factory=_exactly, description="± of the inertia about the ankle [kg m²]")
     foot_mass_kg: Tolerance = Field(default_factory=_exactly, description="± of the foot's mass [kg]")
-    half_length_m: Tolerance = Field(default_factory=_exactly, description="± of the foot's half length [m]")
+    half_length_m: Tolerance = Field(
+        default_factory=_exactly, description="± of the foot's half length, toe and heel alike [m]"
+    )
     slope_deg: Tolerance = Field(default_factory=_exactly, description="± of a slope's final angle [deg]")
     ramp_s: Tolerance = Field(default_factory=_exactly, description="± of the time in which a slope or force grows [s]")
 

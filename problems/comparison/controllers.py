@@ -50,10 +50,12 @@ def controller(name: str, setting: Setting, gains: Gains | None, scenario: Scena
         kind = LAWS.get(name) or SYNTHESIZED[name]
         if kind == "force" and np.isfinite(setting.adapt):
             return AdaptingLaw(
-                biped=setting.biped, gains=gains, period=ankle.period, adapt=setting.adapt, theta_d=setting.theta_d
-            )
+                biped=setting.biped, gains=gains, period=ankle.period, adapt=setting.adapt, theta_d=setting.theta_d,
+                target=setting.target,
+            )  # fmt: skip
         return SampledLaw(
-            kind=kind, biped=setting.biped, gains=gains, period=ankle.period, theta_d=setting.theta_d
+            kind=kind, biped=setting.biped, gains=gains, period=ankle.period, theta_d=setting.theta_d,
+            target=setting.target,
         )  # fmt: skip
     known, future = _foretold(name, setting, scenario)
     informant: Observer = observer(
@@ -72,6 +74,7 @@ def controller(name: str, setting: Setting, gains: Gains | None, scenario: Scena
         feedback=_lqr(setting),
         fallback=setting.gains or Gains(*_lqr(setting), 0.0),
         delay=informant.delay,
+        target=setting.target,
     )
 
 
@@ -81,22 +84,24 @@ def prediction(setting: Setting, *, preview: bool = False) -> Horizon:
     tuning = setting.tuning
     if preview:
         tuning = replace(tuning, torque=tuning.preview_torque)
-    return horizon(setting.biped, tuning, actuator(setting), {**setting.required, **eased(setting)})
+    return horizon(setting.biped, tuning, actuator(setting), {**setting.required, **eased(setting)}, setting.target)
 
 
 def eased(setting: Setting) -> dict[str, Required]:
     """Required levels that a standing body cannot keep, or only if it does not move, at what leaves it ``ROOM``.
 
-    A prediction that must first of all do what cannot be done lets go of what can: at rest each end of the foot bears
-    half of the load, the CoP is in the middle, and friction is needed as the force is inclined.
+    A prediction that must first of all do what cannot be done lets go of what can: at rest the CoP is at its target, in
+    the middle of the paper's foot, each end bears its share of the load, there a half, and friction is needed as the
+    force is inclined.
     """
     biped, found = setting.biped, {}
     points = [scenario.force_at(np.append(scenario.times, scenario.duration)) for scenario in setting.scenarios]
     F_x, F_y = np.concatenate(points, axis=1)
     down = np.maximum(biped.weight - F_y, 1e-9 * biped.weight)
+    near = min(biped.toe - setting.target, biped.heel + setting.target)
     limits = {
-        "contact-force": float(0.5 * down.min() - ROOM * biped.weight),
-        "cop-margin": (1 - 2.5 * ROOM) * biped.ell,
+        "contact-force": float(near / (2 * biped.ell) * down.min() - ROOM * biped.weight),
+        "cop-margin": (1 - 2.5 * ROOM) * near,
         "friction": float((np.abs(F_x) / down).max() + 0.5 * ROOM),
     }
     for row, limit in limits.items():

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from design.analysis.transient import BAND
 from design.model.environment import Scenario
+from design.model.standing import posture
 from problems.comparison.trial import Run, World
 from problems.receding import Memory
 
@@ -76,10 +77,10 @@ def trace(run: Run) -> dict[str, list[float | None]]:
 
 
 def final_posture(world: World) -> float:
-    """theta_f (4) [rad] of the force at the end of the scenario, for the real body."""
+    """theta_f (4) [rad] of the force at the end of the scenario, for the real body; with the CoP at its target."""
     scenario: Scenario = world.scenario
     F_x, F_y = scenario.force_at(np.array([scenario.duration]))[:, 0]
-    return math.atan2(-F_x, world.biped.M * world.biped.g - F_y)
+    return posture(world.biped, float(F_x), float(F_y), world.target)
 
 
 def _end(world: World, run: Run) -> tuple[float | None, float]:

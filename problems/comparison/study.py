@@ -102,7 +102,7 @@ def world(problem: Setting, scenario: str, trial: int, seed: int) -> World:
     biped, real = problem.tolerances.drawn(problem.biped, problem.scenario(scenario), shares.tolist())
     periods = max(1, math.ceil(real.duration / problem.study.control_period_s - 1e-6))
     noise = None if problem.sensors.exact else np.random.default_rng([*stream, 1]).standard_normal((periods, 4))
-    return World(biped=biped, scenario=real, sensors=problem.sensors, draws=noise)
+    return World(biped=biped, scenario=real, sensors=problem.sensors, draws=noise, target=problem.target)
 
 
 @lru_cache(maxsize=4)

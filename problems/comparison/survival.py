@@ -1,7 +1,8 @@
 """The largest sudden slope and push that a controller survives from rest, as a share of what any ankle can.
 
-Nominal body, exact sensors with their delay. Survived is a run of ``WATCHED`` time constants 1/Omega of the body
-without lost contact, at whose end the motion does not grow. Sought by bisection from a scan of a few smaller ones.
+Nominal body, exact sensors with their delay; upright and without an integral, as a trial begins. Survived is a run of
+``WATCHED`` time constants 1/Omega of the body without lost contact, at whose end the motion does not grow. Sought by
+bisection from a scan of a few smaller ones.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def survived(what: str, name: str, setting: Setting, gains: Gains | None) -> dic
             raise RuntimeError(ended.failed)
         return not (ended.lost or ended.fallen) and not _grows(ended)
 
-    both = setting.theta_d != 0.0
+    both = setting.theta_d != 0.0 or not setting.plain
     low, high = 0.0, limit
     for k in range(1, SCAN + 1):
         size = limit * k / SCAN

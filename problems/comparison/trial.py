@@ -30,12 +30,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class World:
-    """What is true in a trial: the real ``biped`` and ``scenario``, and the noise's ``draws`` (n, 4)."""
+    """What is true in a trial: the real ``biped`` and ``scenario``, and the noise's ``draws`` (n, 4).
+
+    ``target`` [m]: where the CoP is to come to rest.
+    """
 
     biped: Biped
     scenario: Scenario
     sensors: Sensors
     draws: Array | None
+    target: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -27,7 +27,7 @@ def _run(kind, gains, duration=10.0):
 
 
 def _svg(run):
-    return plots.figure_bytes(plots.run_figure([run], SLOPE.biped.ell, "t"), "svg").decode()
+    return plots.figure_bytes(plots.run_figure([run], SLOPE.biped, "t"), "svg").decode()
 
 
 def test_the_same_records_give_the_same_file():
@@ -41,7 +41,7 @@ def test_lost_contact_is_marked_and_kept_contact_is_not():
 
 
 def test_every_axis_has_a_unit():
-    figure = plots.run_figure([_run("force", Gains(3500.0, 1200.0, 1.0))], SLOPE.biped.ell, "")
+    figure = plots.run_figure([_run("force", Gains(3500.0, 1200.0, 1.0))], SLOPE.biped, "")
     for ax in figure.axes:
         assert "[" in ax.get_ylabel()
 

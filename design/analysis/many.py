@@ -1,7 +1,7 @@
 """Many bodies and worlds at once: the smallest contact force of each, by one vectorised Runge-Kutta march.
 
 For searching a box, not for judging: all march on the same times, so that a corner of a force may fall within a step.
-What is found is to be confirmed by ``design.analysis.simulate`` or the second opinion. Laws pd and (8).
+What is found is to be confirmed by ``design.analysis.simulate`` or the second opinion.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from design.model.laws import Gains, LawKind
 from design.model.uncertainty import Spread, Tolerances
 
 Array = NDArray[np.float64]
+State = tuple[Array, Array, Array, Array]
 
 FALLEN = 0.5 * math.pi
 
@@ -32,15 +33,15 @@ def least_forces(
     *,
     step: float,
     theta_d: float = 0.0,
+    adapt: float = math.inf,
+    known: Biped | None = None,
 ) -> tuple[Array, Array]:
     """The smallest toe and heel force (N,) [N] at ``shares`` (N, 7) of the half-widths of ``tolerances``.
 
-    ``tolerances.drawn`` says what the shares mean. A body that falls has minus its weight. Raises ``ValueError`` for
-    law cop.
+    ``tolerances.drawn`` says what the shares mean. A body that falls has minus its weight. The law may adapt within
+    ``adapt`` [s]; it reckons with the body that is ``known`` to it, ``biped`` if that is None.
     """
-    if kind == "cop":
-        message = "law cop is not marched for many bodies"
-        raise ValueError(message)
+    its = known or biped
     shares = np.asarray(shares, dtype=float)
 
     def at(spread: Spread, value: float, column: int) -> Array:
@@ -56,21 +57,28 @@ def least_forces(
     if kind == "pd":
         K_f = 0.0
 
-    def flow(z: tuple[Array, Array, Array], F: tuple[Array, Array]) -> tuple[Array, Array, Array, Array]:
-        theta, omega, s = z
-        tau = K_p * (theta_d - theta) - K_d * omega + K_f * s
+    def flow(z: State, F: tuple[Array, Array]) -> tuple[Array, ...]:
+        theta, omega, s, desired = z  # s as in (8); of law (20) it is (M + m) g/ell times its own
+        tau = K_p * (desired - theta) - K_d * omega + K_f * s
         turning = ((M * g - F[1]) * L * np.sin(theta) + F[0] * L * np.cos(theta) + tau) / I
-        return omega, turning, tau / ell, tau
+        gathering, following = tau / ell, np.zeros(n)
+        if kind == "cop":
+            load = M * (g - L * (turning * np.sin(theta) + omega**2 * np.cos(theta))) - F[1] + m * g
+            gathering = gathering * its.weight / load
+        if math.isfinite(adapt):
+            moment = its.I * turning - its.ell * gathering
+            following = (theta - moment / (its.M * its.g * its.L) - desired) / adapt
+        return omega, turning, gathering, following, tau
 
     n = len(shares)
-    z = (np.full(n, scenario.theta0), np.full(n, scenario.omega0), np.zeros(n))
+    z = (np.full(n, scenario.theta0), np.full(n, scenario.omega0), np.zeros(n), np.full(n, theta_d))
     toe, heel = np.full(n, np.inf), np.full(n, np.inf)
     steps = scenario.steps(step)
 
-    def seen(z: tuple[Array, Array, Array], rate: tuple[Array, ...], F: tuple[Array, Array]) -> None:
+    def seen(z: State, rate: tuple[Array, ...], F: tuple[Array, Array]) -> None:
         pressing = M * (g - L * (rate[1] * np.sin(z[0]) + z[1] ** 2 * np.cos(z[0]))) - F[1] + m * g
-        np.fmin(toe, 0.5 * (pressing - rate[3] / ell), out=toe)
-        np.fmin(heel, 0.5 * (pressing + rate[3] / ell), out=heel)
+        np.fmin(toe, 0.5 * (pressing - rate[4] / ell), out=toe)
+        np.fmin(heel, 0.5 * (pressing + rate[4] / ell), out=heel)
 
     with np.errstate(all="ignore"):
         for t, h in zip(steps.t[:-1].tolist(), steps.h.tolist(), strict=True):
@@ -82,7 +90,7 @@ def least_forces(
             k2 = flow(_moved(z, k1, 0.5 * h), F[1])
             k3 = flow(_moved(z, k2, 0.5 * h), F[1])
             k4 = flow(_moved(z, k3, h), F[2])
-            mean = tuple((a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
+            mean = [(a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1[:4], k2[:4], k3[:4], k4[:4], strict=True)]
             z = _moved(z, mean, h)
             seen(z, flow(z, F[2]), F[2])  # a jump may follow
     fallen = ~(np.abs(z[0]) < FALLEN)
@@ -90,8 +98,8 @@ def least_forces(
     return np.where(fallen, np.minimum(toe, lost), toe), np.where(fallen, np.minimum(heel, lost), heel)
 
 
-def _moved(z: tuple[Array, Array, Array], rate: tuple[Array, ...], h: float) -> tuple[Array, Array, Array]:
-    return z[0] + h * rate[0], z[1] + h * rate[1], z[2] + h * rate[2]
+def _moved(z: State, rate: Sequence[Array], h: float) -> State:
+    return z[0] + h * rate[0], z[1] + h * rate[1], z[2] + h * rate[2], z[3] + h * rate[3]
 
 
 def _world(scenario: Scenario, M: Array, g: float, final: Array, ramp: Array):  # type: ignore[no-untyped-def]

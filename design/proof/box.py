@@ -18,17 +18,18 @@ from typing import Literal
 
 import numpy as np
 
+from design.analysis.many import least_forces
 from design.analysis.recheck import second_opinion
 from design.model.laws import Gains
-from design.model.stability import characteristic, decay_rate
+from design.model.stability import deciding_points
 from design.proof import exact
 from design.proof.case import NAMES, Case, NotProved
 from design.proof.tube import bounds
 from design.spec.setting import Setting
 
 Answer = Literal["proved", "disproved", "unknown"]
-SHARES_OF_RATE = (1 - 1e-9, 1 - 1e-6, 0.999, 0.99, 0.95, 0.8, 0.5, 0.2, 0.0)
-"""Parts of the decay rate of the middle at which a proof of it is tried."""
+SHARES_OF_RATE = (1 - 1e-8, 1 - 1e-6, 0.999, 0.99, 0.95, 0.8, 0.65, 0.5, 0.2, 0.0)
+"""Parts of the least decay rate at a corner at which a proof of it is tried."""
 SMALLEST = 2.0**-12
 """Parts of a box below this volume are given up."""
 
@@ -90,9 +91,6 @@ def prove(
     whole = _case(setting, gains, scenario_name, scale)
     demanded = levels(setting)
     proof = Proof(scenario=scenario.name, box=_box(whole))
-    if math.isfinite(setting.adapt):
-        proof.why = "a law that adapts is not bounded yet"
-        return proof
     waiting: list[tuple[Case, float]] = [(whole, 1.0)]
     while waiting:
         proof.seconds = time.monotonic() - began
@@ -133,7 +131,7 @@ def _case(setting: Setting, gains: Gains, name: str, scale: float) -> Case:
         radii[6] = 0.0
     return Case(
         biped=biped, kind=setting.law, gains=gains, theta_d=setting.theta_d, scenario=scenario, radii=tuple(radii),
-        step=setting.step,
+        step=setting.step, known=setting.known or biped, adapt=setting.adapt,
     )  # fmt: skip
 
 
@@ -161,7 +159,7 @@ def _part(setting: Setting, case: Case, demanded: dict[str, float], proof: Proof
         try:
             found = bounds(case)
         except NotProved as error:
-            why = str(error)
+            why, influence = str(error), error.influence
         else:
             influence = found.influence
             for row, level in demanded.items():
@@ -188,22 +186,19 @@ def _part(setting: Setting, case: Case, demanded: dict[str, float], proof: Proof
 
 def _unstable(case: Case, demanded: dict[str, float], proof: Proof) -> str:
     """Why stability is not decided over this part; notes what is proved of its rows."""
-    bodies = exact.body(case.biped, case.radii)
-    A = exact.sizes(bodies, case.scenario)
-    if case.kind == "cop":
-        return "law cop divides by the measured load; it is not bounded yet"
+    at = exact.numbers(case)
+    if case.kind == "cop" and at.load.low <= 0:
+        return "at rest toe and heel together may bear nothing, and law cop divides by what they bear"
     found = {}
-    for row, margin in exact.routh_hurwitz(bodies, case.kind, case.gains, A).items():
+    for row, margin in exact.routh_hurwitz(case, at).items():
         if margin.low <= 0:
             return f"{row}: not decided over this part of the box"
         found[row] = float(margin.low)
-    loads = case.biped.weight
-    middle = decay_rate(characteristic(case.biped, case.kind, case.gains, float(A.high), loads))
-    middle = min(middle, decay_rate(characteristic(case.biped, case.kind, case.gains, float(A.low), loads)))
+    corner = exact.rate(case, at)
     required = Fraction(repr(demanded["decay-rate"]))
-    for share in SHARES_OF_RATE:
-        sigma = max(Fraction(repr(max(middle, 0.0))) * Fraction(repr(share)), required)
-        if exact.decays(bodies, case.kind, case.gains, A, sigma):
+    for share in SHARES_OF_RATE[3 if case.moving else 0 :]:
+        sigma = max(Fraction(f"{max(corner, 0.0) * share:.10g}"), required)
+        if exact.decays(case, at, sigma):
             found["decay-rate"] = float(sigma)
             break
     else:
@@ -219,17 +214,15 @@ def _counterexample(
     """A point of the part, its middle or a corner, that breaks contact, by another integrator; None if none does."""
     points: list[dict[int, float]] = [{}]
     if corners and case.moving:
-        points += [
-            dict(zip(case.moving, signs, strict=True)) for signs in product((-1.0, 1.0), repeat=len(case.moving))
-        ]
-    for shares in points[:33]:
+        points += _worst_corners(case)
+    for shares in points:
         biped, scenario = case.at(shares)
         sigma = _decay(replace(case, biped=biped, scenario=scenario))
         if sigma < demanded["decay-rate"] * (1 - 1e-9) or sigma < -1e-9:
             return Counterexample(
                 row="decay-rate", value=sigma, time_s=None, at=_middle(replace(case, biped=biped, scenario=scenario))
             )
-        ran = second_opinion(biped, case.kind, case.theta_d, case.gains, scenario, case.step)
+        ran = second_opinion(biped, case.kind, case.theta_d, case.gains, scenario, case.step, case.adapt, case.believed)
         for row, force in (("toe-force", ran.F_T), ("heel-force", ran.F_H)):
             if not np.isfinite(force).any():
                 continue
@@ -249,12 +242,26 @@ def _counterexample(
     return None
 
 
+def _worst_corners(case: Case) -> list[dict[int, float]]:
+    """Where, of all corners of the part, toe and heel are pressed least, by one march of them all."""
+    signs = np.array(list(product((-1.0, 1.0), repeat=len(case.moving))))
+    shares = np.zeros((len(signs), 7))
+    shares[:, case.moving] = signs
+    forces = least_forces(
+        case.biped, case.kind, case.gains, case.scenario, case.tolerances, shares, step=max(case.step, 2e-3),
+        theta_d=case.theta_d, adapt=case.adapt, known=case.believed,
+    )  # fmt: skip
+    worst = sorted({int(np.argmin(each)) for each in forces})
+    return [dict(zip(case.moving, signs[k].tolist(), strict=True)) for k in worst]
+
+
 def _decay(case: Case) -> float:
-    A, load = case.scenario.operating_points(case.biped)
-    return min(
-        decay_rate(characteristic(case.biped, case.kind, case.gains, float(a), float(b)))
-        for a, b in {(float(A.min()), float(load.min())), (float(A.max()), float(load.max()))}
-    )
+    """The least decay rate of one body along one scenario."""
+    case = replace(case, radii=(0.0,) * 7)
+    at, L = exact.numbers(case), exact.decimal(case.biped.L)
+    A, load = deciding_points(case.kind, *case.scenario.operating_points(case.biped), case.adapt)
+    points = zip(A.tolist(), load.tolist(), strict=True)
+    return min(exact.rate(case, replace(at, AL=exact.around(a) * L, load=exact.around(n))) for a, n in points)
 
 
 def _halves(case: Case, influence: dict[int, float] | None) -> list[Case]:

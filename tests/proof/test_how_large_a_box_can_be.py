@@ -34,14 +34,14 @@ WORLDS = {
 
 
 @pytest.mark.parametrize("world", WORLDS)
-@pytest.mark.parametrize("kind", ["force", "pd"])
-def test_many_bodies_at_once_are_what_each_is_alone(world, kind):
+@pytest.mark.parametrize(("kind", "adapt"), [("force", math.inf), ("pd", math.inf), ("cop", math.inf), ("force", 0.3)])
+def test_many_bodies_at_once_are_what_each_is_alone_under_a_law_that_knows_one(world, kind, adapt):
     shares = np.random.default_rng(2).uniform(-1, 1, (3, 7))
-    gains = CALM if kind == "force" else Gains(3500.0, 900.0, 0.0)
-    toe, heel = least_forces(BODY, kind, gains, WORLDS[world], WIDE, shares, step=1e-3)
+    gains = Gains(3500.0, 900.0, 0.0) if kind == "pd" else CALM
+    toe, heel = least_forces(BODY, kind, gains, WORLDS[world], WIDE, shares, step=1e-3, adapt=adapt)
     for k, share in enumerate(shares):
         body, scenario = WIDE.drawn(BODY, WORLDS[world], share)
-        run = simulate(closed_loop(body, kind), scenario, gains, 1e-3)
+        run = simulate(closed_loop(body, kind, 0.0, adapt, BODY), scenario, gains, 1e-3)
         assert (toe[k], heel[k]) == pytest.approx((run.F_T.min(), run.F_H.min()), abs=0.2)
 
 

@@ -92,6 +92,14 @@ class Case:
         return [k for k, radius in enumerate(self.radii) if radius > 0]
 
     @property
+    def middle(self) -> dict[str, float]:
+        """The middle of the box, by NAMES."""
+        biped, scenario = self.biped, self.scenario
+        final = float(scenario.signal[0, -1]) if scenario.kind == "slope" else 0.0
+        values = (biped.M, biped.L, biped.I, biped.m, biped.ell, final, float(scenario.times[-1]))
+        return dict(zip(NAMES, values, strict=True))
+
+    @property
     def tolerances(self) -> Tolerances:
         """The half-widths of the box."""
         return Tolerances(**{name: Spread(absolute=each) for name, each in zip(NAMES, self.radii, strict=True)})

@@ -19,7 +19,7 @@ from design.model.laws import Gains
 from design.model.limits import Required
 from design.model.stability import closed_loop_matrix
 from design.model.uncertainty import Spread, Tolerances
-from design.proof import exact
+from design.proof import exact, poles
 from design.proof.box import prove
 from design.proof.case import Case, NotProved
 from design.proof.jacobian import jacobian
@@ -240,7 +240,7 @@ def test_a_decay_rate_is_decided_on_both_sides(law, kp, kd, kf, off):
     real = replace(PAPER, M=PAPER.M * (1 + off), I=PAPER.I * (1 - off), ell=PAPER.ell * (1 + off))
     world = constant_force(name="w", F_x=20.0, F_y=-30.0, ramp=0.0, duration=1.0)
     case = replace(_case(real, gains, world, kind=kind, adapt=adapt), known=PAPER)
-    at = exact.numbers(case)
+    at = poles.numbers(case)
     A, load = math.hypot(20.0, real.M * real.g + 30.0), real.weight + 30.0
     assert float(at.AL.low) <= A * real.L * (1 + 1e-12)
     assert A * real.L * (1 - 1e-12) <= float(at.AL.high)
@@ -249,11 +249,11 @@ def test_a_decay_rate_is_decided_on_both_sides(law, kp, kd, kf, off):
         K_f=kf * PAPER.weight / real.weight)  # fmt: skip
     matrix = closed_loop_matrix(real, kind, its, A, load, adapt, PAPER if adapt < math.inf else None)
     sigma = -float(np.linalg.eigvals(matrix).real.max())
-    assert exact.rate(case, at) == pytest.approx(sigma, rel=1e-5, abs=1e-5)
+    assert poles.rate(case, at) == pytest.approx(sigma, rel=1e-5, abs=1e-5)
     if abs(sigma) > 1e-3:
         slower, faster = sorted([sigma - 1e-4 * abs(sigma) - 1e-5, sigma + 1e-4 * abs(sigma) + 1e-5])
-        assert exact.decays(case, at, Fraction(slower))
-        assert not exact.decays(case, at, Fraction(faster))
+        assert poles.decays(case, at, Fraction(slower))
+        assert not poles.decays(case, at, Fraction(faster))
 
 
 @pytest.mark.parametrize("law", ["cop", "adapts"])
@@ -262,16 +262,16 @@ def test_a_decay_rate_is_decided_on_both_sides(law, kp, kd, kf, off):
 def test_in_a_box_no_body_decays_slower_than_is_proved(law, kp, kd, kf):
     kind, adapt = LAWS[law]
     case = _case(PAPER, Gains(kp, kd, kf), WORLDS["ramp"](PAPER), BOX, kind, adapt=adapt)
-    at = exact.numbers(case)
-    corner = exact.rate(case, at)
+    at = poles.numbers(case)
+    corner = poles.rate(case, at)
     if corner <= 0:
         return
-    proved = next((share for share in (0.95, 0.5, 0.0) if exact.decays(case, at, Fraction(share * corner))), None)
+    proved = next((share for share in (0.95, 0.5, 0.0) if poles.decays(case, at, Fraction(share * corner))), None)
     rng = np.random.default_rng(1)
     for shares in rng.uniform(-1, 1, (20, 7)):
         real, world = case.at(dict(enumerate(shares)))
         one = replace(case, biped=real, scenario=world, radii=(0.0,) * 7)
-        assert proved is None or exact.rate(one, exact.numbers(one)) >= proved * corner * (1 - 1e-9)
+        assert proved is None or poles.rate(one, poles.numbers(one)) >= proved * corner * (1 - 1e-9)
 
 
 def test_without_rounding_the_papers_slope_has_one_A():
@@ -285,7 +285,7 @@ def test_the_range_of_the_load_holds_every_load_on_the_way(degrees, share, off):
     case = _case(PAPER, CALM, world, BOX, "cop")
     real, its = case.at({0: off, 5: off})
     F = its.force_at(np.array([share * its.times[-1]]))[:, 0]
-    load = exact.numbers(case).load
+    load = poles.numbers(case).load
     assert float(load.low) <= real.weight - F[1] <= float(load.high)
 
 
@@ -396,7 +396,7 @@ def test_a_box_is_proved_under_the_other_laws_for_a_law_that_knows_the_middle_on
         ran = second_opinion(body, kind, 0.0, CALM, its, 1e-3, adapt, PAPER)
         assert min(ran.F_T.min(), ran.F_H.min()) >= min(proof.value["toe-force"], proof.value["heel-force"])
         one = replace(_case(body, CALM, its, kind=kind, adapt=adapt), known=PAPER)
-        assert exact.rate(one, exact.numbers(one)) >= proof.value["decay-rate"]
+        assert poles.rate(one, poles.numbers(one)) >= proof.value["decay-rate"]
 
 
 def test_where_the_load_may_vanish_law_cop_is_not_bounded():
@@ -404,3 +404,16 @@ def test_where_the_load_may_vanish_law_cop_is_not_bounded():
     assert prove(replace(SLOPE, scenarios=(lifted,), law="cop"), CALM, "w").answer != "proved"
     with pytest.raises(NotProved, match="bear nothing"):
         bounds(_case(PAPER, Gains(3500.0, 1200.0, 0.0), lifted, kind="cop"))
+
+
+def test_a_box_is_disproved_at_a_corner_that_another_integrator_confirms():
+    world = slope(PAPER, name="w", angle=math.radians(6.5), ramp=0.0, duration=1.0)
+    problem = replace(SLOPE, scenarios=(world,), tolerances=Tolerances(slope=Spread(absolute=math.radians(1.0))))
+    for kind, adapt, degrees in (("force", math.inf, 6.5), ("cop", math.inf, 6.5), ("force", 0.2, 5.0)):
+        world = slope(PAPER, name="w", angle=math.radians(degrees), ramp=0.0, duration=1.0)
+        proof = prove(replace(problem, scenarios=(world,), law=kind, adapt=adapt), SLOPE.gains, "w", seconds=20.0)
+        assert proof.answer == "disproved"
+        worst = slope(PAPER, name="w", angle=proof.counterexample.at["slope"], ramp=0.0, duration=1.0)
+        ran = second_opinion(PAPER, kind, 0.0, SLOPE.gains, worst, 1e-3, adapt)
+        assert min(ran.F_T.min(), ran.F_H.min()) < 0
+        assert proof.counterexample.at["slope"] > math.radians(degrees + 0.4)

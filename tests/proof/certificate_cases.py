@@ -262,6 +262,10 @@ def tampered():
     quiet = respelled(written(QUIET), "[0.1, 0.0, 0.0]", "[0.1, 900.0, 0.0]")
     quiet = changed(quiet, (*CLAIMS, "decay-rate"), lambda _: 0.01)
     found["a push passed over"] = changed(quiet, (*PART, "segments"), lambda each: [[], [], each[2]])
+    moves = respelled(written(QUIET), "[0.2, 0.0, 0.0]]", "[0.2, 0.0, 0.0], [0.3, 0.0001, 0.0]]")
+    low = {"toe-force": 100.0, "heel-force": 100.0, "cop-margin": 0.01, "decay-rate": 0.01}
+    found["watched where the force still moves"] = changed(moves, CLAIMS, lambda _: low)
+    found["law pd with an integral"] = changed(written(builtin_text("slope"), PD), ("law", "kf"), lambda _: 1.0)
     lowered = changed(one, CLAIMS, lambda its: {**its, "toe-force": 25.0, "heel-force": 25.0, "cop-margin": 1e-3})
     lighter = "[uncertainty]\nfoot_mass_kg = 0.2\n[law]"
     found["a foot that weighs less than nothing"] = respelled(lowered, "[law]", lighter)

@@ -180,14 +180,14 @@ def check_linear(linear):
             root = np.linalg.inv(np.linalg.cholesky(P).T)
             rate = -0.5 * np.linalg.eigvalsh(root.T @ (P @ J + J.T @ P) @ root).max()
             exact = [[Fraction(float(each)) for each in row] for row in P]
-            for share in (0.999, 1.001):
+            for share in (0.999, 1.001, 0.0, -1.0):
                 kept = True
                 try:
                     linear.check_contraction(exact, Fraction(float(share * rate)), gains, ranges)
                 except Exception as error:
                     assert "contract" in str(error)
                     kept = False
-                assert kept == (share < 1)
+                assert kept == (share == 0.999)
     ends = [(Fraction(1), Fraction(2)), (Fraction(3), Fraction(4)), (Fraction(5), Fraction(6))]
     assert set(linear.corners(*ends)) == {(G, 1 / I, 1 / ell) for G in ends[0] for I in ends[1] for ell in ends[2]}
 

@@ -172,7 +172,7 @@ def killed(name, tree, cases, seconds=60.0):
         first = cases[0][0]
         for digest, truth in ((json.loads(first)["spec"]["sha256"], True), ("0" * 64, False)):
             answer = modules["verdict"].check(given_time(first), sha256=digest)
-            if answer.confirmed != truth or "not the spec" in answer.law:
+            if answer.confirmed != truth or "not the spec" in answer.law or answer.parts != int(truth):
                 return True
         return any(modules["verdict"].check(given_time(text)).confirmed != truth for text, truth in cases)
     except Exception:
@@ -205,5 +205,5 @@ def test_the_checker_as_it_is_survives():
 @pytest.mark.slow
 def test_a_changed_checker_is_caught():
     count, left = survivors(every=67)
-    # many of those left are no faults: a bound made wider, a check that another one repeats, a rounding by one unit
-    assert len(left) < 0.35 * count, left
+    # some of those left are no faults: a bound made wider, a check that another one repeats, a limit of size
+    assert len(left) < 0.25 * count, left

@@ -43,9 +43,20 @@ def test_what_is_broken_is_disproved_with_its_instant():
     assert "at 1.176 s" in ran.stdout
 
 
+def test_every_law_is_proved():
+    ran = _poise("prove", "slope", "--law", "cop", "--format", "json")
+    assert ran.returncode == 0
+    assert {row["id"]: row["value"] for row in json.loads(ran.stdout)["rows"]}["heel-force"] > 47.3
+    adapting = _spec().replace("[law]", "[law]\nadapt_s = 0.1", 1)
+    ran = _poise("prove", "-", "--format", "json", text=adapting)
+    assert ran.returncode == 0
+    assert {row["id"]: row["value"] for row in json.loads(ran.stdout)["rows"]}["toe-force"] > 149.3
+
+
 def test_what_cannot_be_decided_is_unknown():
-    ran = _poise("prove", "slope", "--law", "cop")
-    assert ran.returncode == 3
+    wide = "\n[uncertainty]\nslope_deg = 2\nmass_kg = { percent = 5 }\nhalf_length_m = { percent = 5 }\n"
+    ran = _poise("prove", "-", "--gains", "3500,606.2,5.61", "--law", "cop", "--time-limit", "1", text=_spec(more=wide))
+    assert ran.returncode == 3, ran.stdout
     assert "UNKNOWN" in ran.stdout
     assert "PROVED " not in ran.stdout.replace("UNPROVED", "")
 
@@ -102,6 +113,7 @@ def test_a_certificate_is_confirmed_for_its_spec_and_refused_for_another_or_when
         (("prove", "nothing.toml"), "nothing.toml"),
         (("prove", "slope", "--scenario", "rampe"), "ramp"),
         (("prove", "slope", "--scale", "-1"), "scale"),
+        (("prove", "slope", "--law", "cop", "--certificate", "proof.json"), "certificates are for laws pd and force"),
         (("prove", "slope", "-o", "/nowhere/at/all.json"), "all.json"),
     ],
 )

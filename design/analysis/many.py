@@ -1,7 +1,7 @@
 """Many bodies and worlds at once: the extremes of each one's run, by one vectorised Runge-Kutta march.
 
 For searching a box, not for judging: all march on the same times, so that a corner of a force may fall within a step.
-What is found is to be confirmed by ``design.analysis.simulate`` or the second opinion. The law knows the nominal body.
+What is found is to be confirmed by ``design.analysis.simulate`` or the second opinion. The law knows one body only.
 """
 
 from __future__ import annotations
@@ -51,13 +51,15 @@ def extremes(
     theta_d: float = 0.0,
     target: float = 0.0,
     adapt: float = math.inf,
+    known: Biped | None = None,
     impulse: float = 0.0,
 ) -> Extremes:
     """The runs at ``shares`` (N, 7) of the half-widths of ``tolerances``, which ``tolerances.drawn`` explains.
 
-    The law has ``theta_d`` [rad], P_d = ``target`` [m], and adapts within ``adapt`` [s]. An ``impulse`` [N s] at the
-    centre of gravity comes before the start.
+    The law has ``theta_d`` [rad], P_d = ``target`` [m], adapts within ``adapt`` [s], and knows the body ``known``, or
+    else ``biped``. An ``impulse`` [N s] at the centre of gravity comes before the start.
     """
+    believed = known or biped
     shares = np.asarray(shares, dtype=float)
 
     def at(spread: Spread, value: float, column: int) -> Array:
@@ -74,8 +76,8 @@ def extremes(
     def seen(z: State, F: tuple[Array, Array]) -> tuple[Array, ...]:
         """tau, theta'', F_T, F_H, the load, and the ground's horizontal force."""
         theta, omega, s = z[:3]
-        aim = desired(biped, adapt, z[3], omega) if adapts else theta_d
-        tau = torque_of(kind, biped, aim, theta, omega, s, gains)
+        aim = desired(believed, adapt, z[3], omega) if adapts else theta_d
+        tau = torque_of(kind, believed, aim, theta, omega, s, gains)
         sine, cosine = np.sin(theta), np.cos(theta)
         turning = ((M * g - F[1]) * L * sine + F[0] * L * cosine + tau) / I
         load = M * (g - L * (turning * sine + omega**2 * cosine)) - F[1] + m * g
@@ -85,16 +87,16 @@ def extremes(
 
     def flow(z: State, found: tuple[Array, ...]) -> State:
         _, turning, F_T, F_H, *_ = found
-        rate = gathered(kind, biped, F_T, F_H, target)
+        rate = gathered(kind, believed, F_T, F_H, target)
         if not adapts:
             return z[1], turning, rate
-        return z[1], turning, rate, followed(biped, adapt, desired(biped, adapt, z[3], z[1]), z[0], rate)
+        return z[1], turning, rate, followed(believed, adapt, desired(believed, adapt, z[3], z[1]), z[0], rate)
 
     n = len(shares)
     omega0 = scenario.omega0 + impulse * L / I
     z: State = (np.full(n, scenario.theta0), omega0, np.zeros(n))
     if adapts:
-        z = (*z, theta_d + swing(biped, adapt) * omega0)
+        z = (*z, theta_d + swing(believed, adapt) * omega0)
     toe, heel, cop = (np.full(n, np.inf) for _ in range(3))
     torque, friction = np.zeros(n), np.zeros(n)
 
@@ -145,9 +147,14 @@ def least_forces(
     step: float,
     theta_d: float = 0.0,
     target: float = 0.0,
+    adapt: float = math.inf,
+    known: Biped | None = None,
 ) -> tuple[Array, Array]:
     """The smallest toe and heel force (N,) [N] of ``extremes``."""
-    found = extremes(biped, kind, gains, scenario, tolerances, shares, step=step, theta_d=theta_d, target=target)
+    found = extremes(
+        biped, kind, gains, scenario, tolerances, shares, step=step, theta_d=theta_d, target=target, adapt=adapt,
+        known=known,
+    )  # fmt: skip
     return found.toe, found.heel
 
 

@@ -64,12 +64,15 @@ def second_opinion(
     adapt: float = math.inf,
     target: float = 0.0,
     s0: float = 0.0,
+    known: Biped | None = None,
 ) -> SecondOpinion:
     """Run the loop again, to a relative tolerance of 1e-10, and read it at the samples of ``step`` [s].
 
     The states are theta, omega, s, and theta_d itself, which follows the estimate within ``adapt`` [s]. ``target``: P_d
-    [m]; ``s0``: s at t = 0.
+    [m]; ``s0``: s at t = 0; ``known``: the body that the law reckons with, where it is another than ``biped``; both
+    then with the paper's foot.
     """
+    believed = known or biped
     solve_ivp = load_integrator()
     samples = scenario.steps(step)
     z = np.full((4, len(samples.t)), np.nan)
@@ -88,7 +91,7 @@ def second_opinion(
             if budget < 0:
                 raise _TooManySteps
             F_x, F_y = scenario.to_force(first + (t - start) * growth)[:, 0]
-            return _rate(biped, kind, adapt, target, gains, z, float(F_x), float(F_y))
+            return _rate(biped, believed, kind, adapt, target, gains, z, float(F_x), float(F_y))
 
         inside = np.flatnonzero((samples.t >= start) & (samples.t <= end))
         times = np.unique(samples.t[inside])
@@ -112,7 +115,7 @@ def second_opinion(
             break
         z[:, inside] = run.y[:, np.searchsorted(run.t, samples.t[inside])]
         state = run.y[:, -1]
-    tau, F_T, F_H = _reactions(biped, kind, gains, z, samples.force)
+    tau, F_T, F_H = _reactions(biped, believed, kind, gains, z, samples.force)
     return SecondOpinion(t=samples.t, theta=z[0], tau=tau, F_T=F_T, F_H=F_H, finished=finished)
 
 
@@ -123,15 +126,18 @@ def _blow_up(t: float, z: Array) -> float:
 _blow_up.terminal = True  # type: ignore[attr-defined]
 
 
-def _torque(biped: Biped, kind: LawKind, gains: Gains, z: Array) -> Array:
-    factor = {"pd": 0.0, "force": gains.K_f, "cop": gains.K_f * (biped.M + biped.m) * biped.g / biped.ell}[kind]
-    return np.asarray(gains.K_p * (z[3] - z[0]) - gains.K_d * z[1] + factor * z[2])
+def _factor(believed: Biped, kind: LawKind, gains: Gains) -> float:
+    """Of the integral in the torque."""
+    weight = (believed.M + believed.m) * believed.g
+    return {"pd": 0.0, "force": gains.K_f, "cop": gains.K_f * weight / believed.ell}[kind]
 
 
-def _reactions(biped: Biped, kind: LawKind, gains: Gains, z: Array, force: Array) -> tuple[Array, Array, Array]:
+def _reactions(
+    biped: Biped, believed: Biped, kind: LawKind, gains: Gains, z: Array, force: Array
+) -> tuple[Array, Array, Array]:
     """Torque, toe and heel force: the centre of gravity's vertical motion, then the foot's moment balance."""
     theta, omega = z[0], z[1]
-    tau = _torque(biped, kind, gains, z)
+    tau = np.asarray(gains.K_p * (z[3] - theta) - gains.K_d * omega + _factor(believed, kind, gains) * z[2])
     turning = _turning(biped, np.sin(theta), np.cos(theta), tau, force[0], force[1])
     rising = -biped.L * (turning * np.sin(theta) + omega**2 * np.cos(theta))  # second derivative of L cos(theta)
     pressing = biped.M * (rising + biped.g) - force[1]  # of the body on the foot
@@ -157,12 +163,19 @@ def _turning(biped: Biped, sine: Array, cosine: Array, tau: Array, F_x: Array, F
 
 
 def _rate(
-    biped: Biped, kind: LawKind, adapt: float, target: float, gains: Gains, z: Array, F_x: float, F_y: float
+    biped: Biped,
+    believed: Biped,
+    kind: LawKind,
+    adapt: float,
+    target: float,
+    gains: Gains,
+    z: Array,
+    F_x: float,
+    F_y: float,
 ) -> list[float]:
     theta, omega, s, theta_d = (float(part) for part in z)
     ell, L = biped.ell, biped.L
-    factor = {"pd": 0.0, "force": gains.K_f, "cop": gains.K_f * (biped.M + biped.m) * biped.g / ell}[kind]
-    tau = gains.K_p * (theta_d - theta) - gains.K_d * omega + factor * s
+    tau = gains.K_p * (theta_d - theta) - gains.K_d * omega + _factor(believed, kind, gains) * s
     sine, cosine = math.sin(theta), math.cos(theta)
     turning = ((biped.M * biped.g - F_y) * L * sine + F_x * L * cosine + tau) / biped.I
     if kind != "pd" and not (biped.plain and target == 0.0):
@@ -176,8 +189,10 @@ def _rate(
         return [omega, turning, gathering, (leaning - theta_d) / adapt]
     if kind == "cop":
         total = biped.M * (biped.g - L * (turning * sine + omega**2 * cosine)) - F_y + biped.m * biped.g
-        gathering = tau / total if total else math.inf
+        gathering = tau * (believed.ell / ell) / total if total else math.inf
     else:
         gathering = 0.0 if kind == "pd" else tau / ell
-    leaning = theta - (biped.I * turning - tau) / (biped.M * biped.g * L)  # where the moments say the body would rest
+    # where the moments, the ankle's by the contact forces, say that the body which it believes in would rest
+    moment = believed.I * turning - believed.ell / ell * tau
+    leaning = theta - moment / (believed.M * believed.g * believed.L)
     return [omega, turning, gathering, (leaning - theta_d) / adapt]

@@ -83,7 +83,7 @@ class Ball:
 
     def low(self) -> int:
         """A lower bound of f: the least value of the parabola in it, less the sizes of all else."""
-        c0, c1, c2 = (*self.rows[0][:3], 0, 0, 0)[:3]
+        c0, c1, c2 = (*self.rows[0], 0, 0, 0)[:3]
         least = c0 - abs(c1) + c2 if 2 * c2 <= abs(c1) else c0 - c1 * c1 // (4 * c2) - 1
         return least - _sum(self.rows[0][3:]) - sum(map(_sum, self.rows[1:])) - self.rest
 

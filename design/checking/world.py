@@ -126,7 +126,7 @@ def _corners(scenario: dict[str, Any], ramp: Fraction) -> list[Corner]:
         )
     rows = scenario["acceleration_mps2" if kind == "platform" else "points"]
     points = [(row[0], tuple(row[1:])) for row in rows]
-    return points if points[0][0] == 0 else [(Fraction(0), points[0][1]), *points]
+    return [(Fraction(0), points[0][1]), *points]
 
 
 def _value(corners: list[Corner], at: int, t: Fraction) -> tuple[Fraction, ...]:

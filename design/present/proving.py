@@ -20,7 +20,7 @@ from design.spec.setting import Setting
 
 ASSUMPTIONS = (
     "the two-link model with a rigid foot that does not slip, the law in continuous time, no delay, no noise; numbers"
-    " of the body and world count with all within 1e-14 of them, gains as the floats that they are"
+    " of the body and world count with all within 1e-14 of them, what the law reckons with as the floats that it is"
 )
 ROWS: dict[str, tuple[str, str]] = {
     "stiffness": ("(27)", "N m/rad"), "damping": ("(28)", "m/s"), "routh": ("(29)", "N² m² s"),
@@ -52,6 +52,9 @@ def render(
     its = problem.given_gains()
     store.check_writable(output, certificate)
     names = [each.name for each in problem.scenarios] if scenario is None else [problem.scenario(scenario).name]
+    if certificate and (problem.law == "cop" or math.isfinite(problem.adapt)):
+        message = "certificates are for laws pd and force without adapt_s; prove without --certificate"
+        raise BadInput(message, key="--certificate")
     with terminal.progress() as say:
         proofs = proved_in(problem, its, names, seconds=seconds, scale=scale, say=say)
         sizes = _sizes(problem, its, names, seconds, say) if largest else []

@@ -10,37 +10,25 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from itertools import product
 from typing import Literal
 
 import numpy as np
 
-from design.analysis.recheck import second_opinion
 from design.model.laws import Gains
-from design.model.stability import characteristic, decay_rate
-from design.proof import exact
+from design.proof import poles
 from design.proof.case import NAMES, Case, NotProved
+from design.proof.counterexample import Counterexample, counterexample
 from design.proof.tube import bounds
 from design.spec.setting import Setting
 
 Answer = Literal["proved", "disproved", "unknown"]
-SHARES_OF_RATE = (1 - 1e-9, 1 - 1e-6, 0.999, 0.99, 0.95, 0.8, 0.5, 0.2, 0.0)
-"""Parts of the decay rate of the middle at which a proof of it is tried."""
+SHARES_OF_RATE = (1 - 1e-8, 1 - 1e-6, 0.999, 0.99, 0.95, 0.8, 0.65, 0.5, 0.2, 0.0)
+"""Parts of the least decay rate at a corner at which a proof of it is tried."""
 SMALLEST = 2.0**-12
 """Parts of a box below this volume are given up."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Counterexample:
-    """A body and world of the box that break a demand: ``value`` at ``time_s``; ``at`` by names, in SI units."""
-
-    row: str
-    value: float
-    time_s: float | None
-    at: Mapping[str, float]
 
 
 @dataclass(kw_only=True)
@@ -91,9 +79,6 @@ def prove(
     whole = _case(setting, gains, scenario_name, scale)
     demanded = levels(setting)
     proof = Proof(scenario=scenario.name, box=_box(whole))
-    if math.isfinite(setting.adapt):
-        proof.why = "a law that adapts is not bounded yet"
-        return proof
     waiting: list[tuple[Case, float]] = [(whole, 1.0)]
     while waiting:
         proof.seconds = time.monotonic() - began
@@ -101,7 +86,7 @@ def prove(
             proof.why = f"time limit of {seconds:g} s"
             return proof
         case, volume = waiting.pop()
-        why, halves = _part(setting, case, demanded, proof)
+        why, halves = _part(case, demanded, proof)
         if proof.counterexample is not None:
             proof.answer, proof.why = "disproved", why
             proof.seconds = time.monotonic() - began
@@ -134,26 +119,19 @@ def _case(setting: Setting, gains: Gains, name: str, scale: float) -> Case:
         radii[6] = 0.0
     return Case(
         biped=biped, kind=setting.law, gains=gains, theta_d=setting.theta_d, scenario=scenario, radii=tuple(radii),
-        step=setting.step,
+        step=setting.step, known=setting.known or biped, adapt=setting.adapt,
     )  # fmt: skip
 
 
 def _box(case: Case) -> dict[str, tuple[float, float]]:
-    middle = _middle(case)
+    middle = case.middle
     return {
         name: (middle[name] - radius, middle[name] + radius)
         for name, radius in zip(NAMES, case.radii, strict=True) if radius > 0
     }  # fmt: skip
 
 
-def _middle(case: Case) -> dict[str, float]:
-    biped, scenario = case.biped, case.scenario
-    final = float(scenario.signal[0, -1]) if scenario.kind == "slope" else 0.0
-    values = (biped.M, biped.L, biped.I, biped.m, biped.ell, final, float(scenario.times[-1]))
-    return dict(zip(NAMES, values, strict=True))
-
-
-def _part(setting: Setting, case: Case, demanded: dict[str, float], proof: Proof) -> tuple[str, list[Case]]:
+def _part(case: Case, demanded: dict[str, float], proof: Proof) -> tuple[str, list[Case]]:
     """Why this part is not proved (empty: it is), and its halves; counts it, and notes a counterexample."""
     proof.parts += 1
     why = _unstable(case, demanded, proof)
@@ -162,7 +140,7 @@ def _part(setting: Setting, case: Case, demanded: dict[str, float], proof: Proof
         try:
             found = bounds(case)
         except NotProved as error:
-            why = str(error)
+            why, influence = str(error), error.influence
         else:
             influence = found.influence
             for row, level in demanded.items():
@@ -180,7 +158,7 @@ def _part(setting: Setting, case: Case, demanded: dict[str, float], proof: Proof
                     proof.value[row], proof.time_s[row] = value, float(found.t[worst])
     if not why:
         return "", []
-    proof.counterexample = _counterexample(setting, case, demanded, corners=proof.parts <= 2)
+    proof.counterexample = counterexample(case, demanded, corners=proof.parts <= 2)
     if proof.counterexample is not None:
         broken = proof.counterexample
         return f"{broken.row} is {broken.value:.6g} for a body and world of the box", []
@@ -189,22 +167,19 @@ def _part(setting: Setting, case: Case, demanded: dict[str, float], proof: Proof
 
 def _unstable(case: Case, demanded: dict[str, float], proof: Proof) -> str:
     """Why stability is not decided over this part; notes what is proved of its rows."""
-    bodies = exact.body(case.biped, case.radii)
-    A = exact.sizes(bodies, case.scenario)
-    if case.kind == "cop":
-        return "law cop divides by the measured load; it is not bounded yet"
+    at = poles.numbers(case)
+    if case.kind == "cop" and at.load.low <= 0:
+        return "at rest toe and heel together may bear nothing, and law cop divides by what they bear"
     found = {}
-    for row, margin in exact.routh_hurwitz(bodies, case.kind, case.gains, A).items():
+    for row, margin in poles.routh_hurwitz(case, at).items():
         if margin.low <= 0:
             return f"{row}: not decided over this part of the box"
         found[row] = float(margin.low)
-    loads = case.biped.weight
-    middle = decay_rate(characteristic(case.biped, case.kind, case.gains, float(A.high), loads))
-    middle = min(middle, decay_rate(characteristic(case.biped, case.kind, case.gains, float(A.low), loads)))
+    corner = poles.rate(case, at)
     required = Fraction(repr(demanded["decay-rate"]))
-    for share in SHARES_OF_RATE:
-        sigma = max(Fraction(repr(max(middle, 0.0))) * Fraction(repr(share)), required)
-        if exact.decays(bodies, case.kind, case.gains, A, sigma):
+    for share in SHARES_OF_RATE[3 if case.moving else 0 :]:
+        sigma = max(Fraction(f"{max(corner, 0.0) * share:.10g}"), required)
+        if poles.decays(case, at, sigma):
             found["decay-rate"] = float(sigma)
             break
     else:
@@ -214,55 +189,11 @@ def _unstable(case: Case, demanded: dict[str, float], proof: Proof) -> str:
     return ""
 
 
-def _counterexample(
-    setting: Setting, case: Case, demanded: dict[str, float], *, corners: bool
-) -> Counterexample | None:
-    """A point of the part, its middle or a corner, that breaks contact, by another integrator; None if none does."""
-    points: list[dict[int, float]] = [{}]
-    if corners and case.moving:
-        points += [
-            dict(zip(case.moving, signs, strict=True)) for signs in product((-1.0, 1.0), repeat=len(case.moving))
-        ]
-    for shares in points[:33]:
-        biped, scenario = case.at(shares)
-        sigma = _decay(replace(case, biped=biped, scenario=scenario))
-        if sigma < demanded["decay-rate"] * (1 - 1e-9) or sigma < -1e-9:
-            return Counterexample(
-                row="decay-rate", value=sigma, time_s=None, at=_middle(replace(case, biped=biped, scenario=scenario))
-            )
-        ran = second_opinion(biped, case.kind, case.theta_d, case.gains, scenario, case.step)
-        for row, force in (("toe-force", ran.F_T), ("heel-force", ran.F_H)):
-            if not np.isfinite(force).any():
-                continue
-            below = np.flatnonzero(force < demanded[row] - 1e-6 * biped.weight)
-            if len(below):
-                at = _middle(replace(case, biped=biped, scenario=scenario))
-                lowest = int(np.nanargmin(force))
-                first = int(below[0])
-                where = first if demanded[row] == 0 else lowest
-                return Counterexample(row=row, value=float(force[where]), time_s=float(ran.t[where]), at=at)
-        if "torque" in demanded:
-            size = np.abs(ran.tau)
-            above = np.flatnonzero(size > demanded["torque"] * (1 + 1e-9))
-            if len(above):
-                at = _middle(replace(case, biped=biped, scenario=scenario))
-                return Counterexample(row="torque", value=float(size[above[0]]), time_s=float(ran.t[above[0]]), at=at)
-    return None
-
-
-def _decay(case: Case) -> float:
-    A, load = case.scenario.operating_points(case.biped)
-    return min(
-        decay_rate(characteristic(case.biped, case.kind, case.gains, float(a), float(b)))
-        for a, b in {(float(A.min()), float(load.min())), (float(A.max()), float(load.max()))}
-    )
-
-
 def _halves(case: Case, influence: dict[int, float] | None) -> list[Case]:
     """The part cut in two across the parameter of largest influence, or of largest share; none where nothing moves."""
     if not case.moving:
         return []
-    middle = list(_middle(case).values())
+    middle = list(case.middle.values())
     if influence:
         k = max(case.moving, key=lambda k: influence[k])
     else:

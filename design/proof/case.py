@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +26,20 @@ MOST = 100_000
 
 
 class NotProved(Exception):
-    """The tube cannot be built; the text says why."""
+    """The tube cannot be built; the text says why, ``influence`` what each parameter that moves has to do with it."""
+
+    def __init__(self, why: str, influence: dict[int, float] | None = None) -> None:
+        super().__init__(why)
+        self.influence = influence or {}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Case:
-    """``biped`` and ``scenario`` are the middle of the box, ``radii`` (7,) its half-widths by NAMES [SI, rad]."""
+    """``biped`` and ``scenario`` are the middle of the box, ``radii`` (7,) its half-widths by NAMES [SI, rad].
+
+    The law may adapt within ``adapt`` [s]. It reckons with the body that is ``known`` to it, ``biped`` if that is None:
+    one body, whatever the real one. What the law reckons with counts as the floats that it is.
+    """
 
     biped: Biped
     kind: LawKind
@@ -39,16 +48,69 @@ class Case:
     scenario: Scenario
     radii: tuple[float, ...]
     step: float
+    known: Biped | None = None
+    adapt: float = math.inf
+
+    @property
+    def believed(self) -> Biped:
+        """The body that the law reckons with."""
+        return self.known or self.biped
+
+    @property
+    def size(self) -> int:
+        """How many states there are: theta, omega; s [N s] but for law pd; theta_d where the law adapts.
+
+        Of law cop s is taken in the unit of (8), (M + m) g/ell times that of (20), so that tau is as in (8).
+        """
+        return 4 if math.isfinite(self.adapt) else 2 if self.kind == "pd" else 3
+
+    @property
+    def felt(self) -> Array:
+        """How much tau changes with each state, in size (n,)."""
+        K = self.gains
+        return np.array([K.K_p, K.K_d, K.K_f, K.K_p][: self.size])
+
+    @property
+    def gathering(self) -> Fraction:
+        """(M + m) g of the body that law cop reckons with [N]: s' is so many tau/(ell (F_T + F_H)).
+
+        It takes its own ell for the CoP (18), and the ell of its K_F cancels that.
+        """
+        M, m, g = (Fraction(part) for part in _numbers(self.believed, "M", "m", "g"))
+        return (M + m) * g
+
+    @property
+    def following(self) -> tuple[Fraction, Fraction, Fraction]:
+        """The rate 1/T_a, and this times I/(M g L) and ell/(M g L), of the body that a law that adapts reckons with."""
+        M, g, L, I, ell = (Fraction(part) for part in _numbers(self.believed, "M", "g", "L", "I", "ell"))
+        a = 1 / Fraction(self.adapt)
+        return a, a * I / (M * g * L), a * ell / (M * g * L)
 
     @property
     def moving(self) -> list[int]:
         """Numbers of the parameters that are not fixed."""
         return [k for k, radius in enumerate(self.radii) if radius > 0]
 
+    @property
+    def middle(self) -> dict[str, float]:
+        """The middle of the box, by NAMES."""
+        biped, scenario = self.biped, self.scenario
+        final = float(scenario.signal[0, -1]) if scenario.kind == "slope" else 0.0
+        values = (biped.M, biped.L, biped.I, biped.m, biped.ell, final, float(scenario.times[-1]))
+        return dict(zip(NAMES, values, strict=True))
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """The half-widths of the box."""
+        return Tolerances(**{name: Spread(absolute=each) for name, each in zip(NAMES, self.radii, strict=True)})
+
     def at(self, shares: dict[int, float]) -> tuple[Biped, Scenario]:
         """The body and the world where parameter k is at a share, from -1 to 1, of its radius."""
-        spreads = {name: Spread(absolute=radius) for name, radius in zip(NAMES, self.radii, strict=True)}
-        return Tolerances(**spreads).drawn(self.biped, self.scenario, [shares.get(k, 0.0) for k in range(7)])
+        return self.tolerances.drawn(self.biped, self.scenario, [shares.get(k, 0.0) for k in range(7)])
+
+
+def _numbers(biped: Biped, *names: str) -> tuple[float, ...]:
+    return tuple(float(getattr(biped, name)) for name in names)
 
 
 def longer(case: Case) -> Case:
@@ -57,7 +119,8 @@ def longer(case: Case) -> Case:
     if goes_on(scenario):
         return case
     F_x, F_y = scenario.force_at(np.array([scenario.duration]))[:, 0]
-    matrix = closed_loop_matrix(biped, case.kind, case.gains, math.hypot(biped.M * biped.g - F_y, F_x), biped.weight)
+    A, load = math.hypot(biped.M * biped.g - F_y, F_x), max(biped.weight - F_y, 1e-6 * biped.weight)
+    matrix = closed_loop_matrix(biped, case.kind, case.gains, A, load, case.adapt, case.believed)
     decay = -float(np.linalg.eigvals(matrix).real.max())
     if decay <= 0:
         return case

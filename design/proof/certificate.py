@@ -27,6 +27,7 @@ from design.model.laws import Gains
 from design.model.stability import closed_loop_matrix
 from design.proof.box import Proof, levels
 from design.proof.case import NAMES, Case, NotProved
+from design.proof.jacobian import ranges
 from design.proof.norm import contracting
 from design.spec.load import Source
 from design.spec.setting import Setting
@@ -211,7 +212,7 @@ class _Scenario:
         reach = 1e-6
         for _ in range(ROUNDS):
             wide = 1.1 * reach * max(map(abs, G)) + 1e-9
-            P, rate = contracting(case, (G[0] - wide, G[1] + wide), defect)
+            P, rate = contracting(case, ranges(case, (G[0] - wide, G[1] + wide)), defect)
             P /= np.trace(P)
             part = {
                 "norm": [[float(P[i, j]) for j in range(i + 1)] for i in range(len(P))],

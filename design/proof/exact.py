@@ -1,9 +1,9 @@
-"""(27)-(29) and a decay rate, decided in rational arithmetic over a whole range of bodies and environments.
+"""Ranges of rationals, and of what a whole range of bodies and environments leads to: A (3), and the load at rest.
 
-Numbers are the decimals that they print as. Ranges of rationals are added and multiplied without rounding; what depends
-on a parameter twice is enclosed, not exact, so that over a box the answer may be "unknown", never wrong. A follows from
-(3): on a slope it is M g; under a force it is largest at a corner of the signal (a norm is convex) and smallest where
-the segment between two corners is nearest to the origin; its square root is enclosed by rationals.
+Numbers are the decimals that they print as. Ranges are added and multiplied without rounding; what depends on a
+parameter twice is enclosed, not exact. On a slope A is M g; under a force it is largest at a corner of the signal (a
+norm is convex) and smallest where the segment between two corners is nearest to the origin; its square root is enclosed
+by rationals, as is the cosine of the steepest slope.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from itertools import pairwise
 
 from design.model.body import Biped
 from design.model.environment import Scenario
-from design.model.laws import Gains, LawKind
 
 DIGITS = 10**12
 """Square roots are enclosed to one part in this."""
@@ -28,28 +27,37 @@ class Range:
     low: Fraction
     high: Fraction
 
-    def __add__(self, other: Range) -> Range:
+    def __add__(self, other: Range | Fraction | int) -> Range:
         """All sums."""
-        return Range(self.low + other.low, self.high + other.high)
+        its = _range(other)
+        return Range(self.low + its.low, self.high + its.high)
 
     def __neg__(self) -> Range:
         """All negatives."""
         return Range(-self.high, -self.low)
 
-    def __sub__(self, other: Range) -> Range:
+    def __sub__(self, other: Range | Fraction | int) -> Range:
         """All differences."""
         return self + (-other)
 
-    def __mul__(self, other: Range) -> Range:
+    def __mul__(self, other: Range | Fraction | int) -> Range:
         """All products."""
-        ends = [a * b for a in (self.low, self.high) for b in (other.low, other.high)]
+        its = _range(other)
+        ends = [a * b for a in (self.low, self.high) for b in (its.low, its.high)]
         return Range(min(ends), max(ends))
+
+    __radd__ = __add__
+    __rmul__ = __mul__
 
     def __truediv__(self, other: Range) -> Range:
         """All quotients; raises ``ZeroDivisionError`` where ``other`` holds 0."""
         if other.low <= 0 <= other.high:
             raise ZeroDivisionError
         return self * Range(1 / other.high, 1 / other.low)
+
+
+def _range(number: Range | Fraction | int) -> Range:
+    return number if isinstance(number, Range) else point(number)
 
 
 def decimal(value: float) -> Fraction:
@@ -125,33 +133,22 @@ def _root(square: Fraction) -> tuple[Fraction, Fraction]:
     return Fraction(below, DIGITS), Fraction(below + 1, DIGITS)
 
 
-def routh_hurwitz(bodies: Body, kind: LawKind, gains: Gains, A: Range) -> dict[str, Range]:
-    """How far (27)-(29) are kept, by row id: left less right, as in ``design.model.stability``."""
-    K_p, K_d, K_f = (around(gain) for gain in gains)
-    AL = A * bodies.L
-    stiffness = K_p - AL
-    if kind == "pd":
-        return {"stiffness": stiffness, "damping": K_d}
-    damping = bodies.ell / bodies.I * K_d - K_f
-    damping = Range(min(damping.low, K_f.low), min(damping.high, K_f.high))
-    return {
-        "stiffness": stiffness,
-        "damping": damping,
-        "routh": K_d * bodies.ell * stiffness - K_f * bodies.I * K_p,
-    }
+def loads(bodies: Body, scenario: Scenario, slope: Range) -> Range:
+    """The range of F_T + F_H at rest [N], anywhere along the scenario; ``slope`` is the final one [rad]."""
+    foot, weight = bodies.m * bodies.g, bodies.M * bodies.g
+    if scenario.kind == "platform":
+        return foot + weight
+    if scenario.kind != "slope":
+        down = [around(force) for force in scenario.signal[1].tolist()]
+        return foot + weight - Range(min(each.low for each in down), max(each.high for each in down))
+    farthest = max(abs(slope.low), abs(slope.high), *(abs(decimal(part)) for part in scenario.signal[0].tolist()))
+    return foot + weight * Range(_cosine(Fraction(math.ceil(farthest * DIGITS), DIGITS)), Fraction(1))
 
 
-def decays(bodies: Body, kind: LawKind, gains: Gains, A: Range, sigma: Fraction) -> bool:
-    """Whether every pole has a real part below -sigma, wherever in the ranges; False where that is not seen."""
-    K_p, K_d, K_f = (around(gain) for gain in gains)
-    s = point(sigma)
-    p_1 = (K_p - A * bodies.L) / bodies.I
-    if kind == "pd":
-        q_1, q_0 = K_d / bodies.I - point(2) * s, p_1 - K_d / bodies.I * s + s * s
-        return q_1.low > 0 and q_0.low > 0
-    p_2 = K_d / bodies.I - K_f / bodies.ell
-    p_0 = K_f * A * bodies.L / (bodies.I * bodies.ell)
-    q_2 = p_2 - point(3) * s
-    q_1 = p_1 - point(2) * p_2 * s + point(3) * s * s
-    q_0 = p_0 - p_1 * s + p_2 * s * s - s * s * s
-    return q_2.low > 0 and q_0.low > 0 and (q_2 * q_1 - q_0).low > 0
+def _cosine(x: Fraction) -> Fraction:
+    """A lower bound of the cosine: its alternating series, ended at a negative term; -1 where that says nothing."""
+    total, term = Fraction(0), Fraction(1)
+    for j in range(1, 19):
+        total += term
+        term = -term * x * x / (2 * j * (2 * j - 1))
+    return max(Fraction(math.floor(total * DIGITS**2), DIGITS**2), Fraction(-1)) if x < 3 else Fraction(-1)

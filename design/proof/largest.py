@@ -52,7 +52,7 @@ def largest(
 ) -> Largest:
     """Both multiples in the scenario called ``name``; proofs are given ``seconds`` in all.
 
-    Raises ``ValueError`` where the spec has no [uncertainty] that bears on the scenario, or for law cop.
+    Raises ``ValueError`` where the spec has no [uncertainty] that bears on the scenario.
     """
     setting.must_be_plain("a proof")
     tolerances = setting.tolerances
@@ -113,7 +113,7 @@ def _unbroken(setting: Setting, gains: Gains, name: str, say: Callable[[str], No
             return False
         toe, heel = least_forces(
             setting.biped, setting.law, gains, scenario, tolerances, points, step=max(setting.step, 2e-3),
-            theta_d=setting.theta_d,
+            theta_d=setting.theta_d, adapt=setting.adapt, known=setting.known,
         )  # fmt: skip
         return bool(min(toe.min(), heel.min()) >= level)
 

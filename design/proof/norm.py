@@ -1,9 +1,9 @@
 """A norm in which a loop contracts, and the proof that it does.
 
-|x|_P = sqrt(xᵀ P x). The Jacobian J is affine in G = A L cos(theta - theta_f), in 1/I and in 1/ell, one by one; the
-largest eigenvalue of P J + Jᵀ P + 2 rate P is convex in J, and so largest at a corner of their ranges. There
-Sylvester's leading minors are decided in exact rational arithmetic, floats being taken as the rationals that they are.
-Which P is tried is a matter of luck and experience; that it serves is proved.
+|x|_P = sqrt(xᵀ P x). The Jacobian J is affine in each of a few numbers (``design.proof.jacobian``); the largest
+eigenvalue of P J + Jᵀ P + 2 rate P is convex in J, and so largest at a corner of their ranges. There Sylvester's
+leading minors are decided in exact rational arithmetic, floats being taken as the rationals that they are. Which P is
+tried is a matter of luck and experience; that it serves is proved.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from fractions import Fraction
-from itertools import product
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from design.proof.case import Case, NotProved
+from design.proof.jacobian import Matrix, Ranges, jacobian
 from design.proof.taylor import TINY, UP
 from design.solvers.conic import Clarabel, Cone, ConicProgram, triangle
 
@@ -27,36 +27,33 @@ SHARES = (0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 0.97)
 """Parts of the decay rate at which a norm is looked for."""
 
 
-def contracting(case: Case, G: tuple[float, float], defect: Array) -> tuple[Array, float]:
-    """P and a rate > 0 that is proved for all G in its range and all bodies of the box; raises ``NotProved``.
+def contracting(case: Case, over: Ranges, defect: Array) -> tuple[Array, float]:
+    """P and a rate > 0 that is proved for all Jacobians of these ranges; raises ``NotProved``.
 
     Of the norms that are tried it is the one in which a ``defect`` (n,) of these sizes moves toe and heel force least.
     """
-    biped, radii = case.biped, case.radii
-    size = 2 if case.kind == "pd" else 3
-    inertia = [1.0 / (biped.I - radii[2]), 1.0 / (biped.I + radii[2])]
-    lengths = [1.0 / (biped.ell - radii[4]), 1.0 / (biped.ell + radii[4])]
-    inertia = [math.nextafter(inertia[0] * UP, math.inf), inertia[1] / UP]
-    lengths = [math.nextafter(lengths[0] * UP, math.inf), lengths[1] / UP]
-    corners = [_jacobian(case, *corner) for corner in product(G, inertia, lengths)]
-    middle = _jacobian(case, 0.5 * sum(G), 1.0 / biped.I, 1.0 / biped.ell)
+    size, felt = case.size, case.felt
+    exact = [jacobian(case, *corner) for corner in over.corners()]
+    corners = np.stack([_floats(J) for J in exact])
+    middle = _floats(jacobian(case, *over.middle()))
     decay = -float(np.linalg.eigvals(middle).real.max())
     if decay <= 0:
         message = "the linear loop is not stable"
         raise NotProved(message)
-    K = case.gains
-    felt = np.array([K.K_p, K.K_d, K.K_f][:size])  # in toe and heel force
     shifts = [middle + share * decay * np.eye(size) for share in SHARES]
     tried = [_lyapunov(shift, weight) for weight in _weights(middle, felt) for shift in shifts]
-    if case.moving:
-        tried += [P for share in SHARES if (P := _optimal(corners, felt, defect, share * decay)) is not None]
+    if case.moving or case.kind == "cop":
+        few = [_floats(jacobian(case, *corner)) for corner in over.chief().corners()]
+        shares = SHARES if case.kind != "cop" else SHARES[1::2]
+        tried += [P for share in shares if (P := _optimal(few, felt, defect, share * decay)) is not None]
     best: tuple[float, Array, float] | None = None
     for P in tried:
         try:
             root = np.linalg.inv(np.linalg.cholesky(P).T)
         except np.linalg.LinAlgError:
             continue
-        worst = max(float(np.linalg.eigvalsh(root.T @ (P @ J + J.T @ P) @ root).max()) for J in corners)
+        PJ = P @ corners
+        worst = float(np.linalg.eigvalsh(root.T @ (PJ + PJ.transpose(0, 2, 1)) @ root).max())
         if worst >= 0:
             continue
         cost = math.sqrt(float(defect @ np.abs(P) @ defect) * float(felt @ np.linalg.solve(P, felt))) / -worst
@@ -66,18 +63,14 @@ def contracting(case: Case, G: tuple[float, float], defect: Array) -> tuple[Arra
         message = "no norm in which the loop contracts over the whole tube and box was found"
         raise NotProved(message)
     P, rate = best[1], 0.999 * best[2]
-    if not all(contracts(P, J, rate) for J in corners):
+    if not all(contracts(P, J, rate) for J in exact):
         message = "the contraction could not be confirmed exactly"
         raise NotProved(message)
     return P, rate
 
 
-def _jacobian(case: Case, G: float, inertia: float, length: float) -> Array:
-    K, size = case.gains, 2 if case.kind == "pd" else 3
-    torque = np.array([-K.K_p, -K.K_d, K.K_f][:size])
-    turning = (torque + np.array([G, 0.0, 0.0][:size])) * inertia
-    rows = [np.eye(size)[1], turning]
-    return np.vstack(rows if size == 2 else [*rows, torque * length])
+def _floats(matrix: Matrix) -> Array:
+    return np.array([[float(entry) for entry in row] for row in matrix])
 
 
 def _weights(A: Array, felt: Array) -> list[Array]:
@@ -147,15 +140,33 @@ def _optimal(corners: Sequence[Array], felt: Array, defect: Array, rate: float) 
     return np.asarray(0.5 * (P + P.T))
 
 
+def transfer(before: Array, after: Array) -> float:
+    """A number c with |x|_after <= c |x|_before for all x, decided exactly."""
+    root = np.linalg.inv(np.linalg.cholesky(before).T)
+    c = math.sqrt(max(float(np.linalg.eigvalsh(root.T @ after @ root).max()), 0.0)) * (1 + 1e-6)
+    square = Fraction(c) ** 2
+    n = len(before)
+    rest = [[square * Fraction(before[i][j]) - Fraction(after[i][j]) for j in range(n)] for i in range(n)]
+    if not _positive(rest):
+        message = "two norms could not be compared exactly"
+        raise NotProved(message)
+    return c
+
+
 def norm(size: Array, vectors: Array) -> Array:
-    """Bound (n,) of |x|_P for |x_i| <= vectors (n, m), with ``size`` = |P|."""
-    return np.asarray(UP * np.sqrt(np.einsum("ni,ij,nj->n", vectors, size, vectors) * UP + TINY))
+    """Bound (n,) of |x|_P for |x_i| <= vectors (n, m), with ``size`` = |P|, one (m, m) or one for each (n, m, m)."""
+    return np.asarray(UP * np.sqrt(_squares(size, vectors) * UP + TINY))
 
 
 def dual(inverse: Array, slopes: Sequence[float | Array], n: int) -> Array:
     """Bound (n,) of the norm of a gradient whose components are at most ``slopes`` in size."""
     g = np.stack([np.broadcast_to(np.asarray(part, dtype=float), (n,)) for part in slopes], axis=1)
-    return np.asarray(UP * np.sqrt(np.einsum("ni,ij,nj->n", g, np.abs(inverse), g) * UP))
+    return np.asarray(UP * np.sqrt(_squares(np.abs(inverse), g) * UP))
+
+
+def _squares(matrix: Array, vectors: Array) -> Array:
+    each = np.broadcast_to(matrix, (len(vectors), *matrix.shape[-2:]))
+    return np.asarray(np.einsum("ni,nij,nj->n", vectors, each, vectors))
 
 
 def inverted(P: Array) -> Array:
@@ -173,11 +184,11 @@ def inverted(P: Array) -> Array:
     return np.asarray(exact + np.sign(exact) * np.abs(exact) * 1e-15)
 
 
-def contracts(P: Array, J: Array, rate: float) -> bool:
+def contracts(P: Array, J: Array | Matrix, rate: float) -> bool:
     """Whether P > 0 and P J + Jᵀ P + 2 rate P < 0, decided exactly."""
     n = len(P)
     p = [[Fraction(float(P[i, j])) for j in range(n)] for i in range(n)]
-    j = [[Fraction(float(J[a, b])) for b in range(n)] for a in range(n)]
+    j = [[Fraction(J[a][b]) for b in range(n)] for a in range(n)]
     pj = [[sum((p[a][c] * j[c][b] for c in range(n)), Fraction(0)) for b in range(n)] for a in range(n)]
     twice = 2 * Fraction(rate)
     q = [[-(pj[a][b] + pj[b][a]) - twice * p[a][b] for b in range(n)] for a in range(n)]

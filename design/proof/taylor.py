@@ -148,14 +148,30 @@ def sine_and_cosine(x: Model) -> tuple[Model, Model]:
     odd = d + d3 * (-1 / 6)
     even = Model(even.c, UP * (even.rest + D**6 / 720 + ROUNDING))
     odd = Model(odd.c, UP * (odd.rest + D**5 / 120 + ROUNDING))
-    s, c = _piecewise(_sine(middle), x), _piecewise(_cosine(middle), x)
+    s, c = (_piecewise(series(middle), x, np.full(len(middle), SINE_ERROR)) for series in (_sine, _cosine))
     return s * even + c * odd, c * even - s * odd
 
 
-def _piecewise(value: Array, like: Model) -> Model:
+def inverse(x: Model) -> Model:
+    """1/x, by the series about its centre c: (1 - e + e² - e³)/c, e = x/c - 1; raises ``ValueError`` if x may be 0."""
+    middle = x.centre().copy()
+    per = np.divide(1.0, middle, out=np.zeros_like(middle), where=middle != 0)
+    e = _piecewise(per, x, ROUNDING * np.abs(per)) * x - 1.0
+    E = e.size()
+    if not (E < 1).all():
+        message = "a number that may be zero has no reciprocal"
+        raise ValueError(message)
+    series = 1.0 + e * (e * (1.0 + -e) - 1.0)
+    left_out = UP * E**4 / (1.0 - E)
+    series = Model(series.c, UP * (series.rest + left_out))
+    return _piecewise(per, x, ROUNDING * np.abs(per)) * series
+
+
+def _piecewise(value: Array, like: Model, off: Array) -> Model:
+    """The same at all times of a piece: ``value`` (n,) +- ``off`` (n,)."""
     c = np.zeros_like(like.c)
     c[:, 0, 0] = value
-    return Model(c, np.full(len(value), SINE_ERROR))
+    return Model(c, off)
 
 
 def _sine(x: Array) -> Array:

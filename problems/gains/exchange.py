@@ -66,17 +66,18 @@ def exchange(
     near: bool = False,
     models: Sequence[Model] = (),
     reach: tuple[Array, float] | None = None,
+    effort: float = 1.0,
 ) -> Local:
     """Solve on ``instants``, add what the answer violates, and repeat until nothing on ``grid`` is violated.
 
-    ``models`` and ``reach`` as in ``pose``.
+    ``models`` and ``reach`` as in ``pose``. ``effort``: part of the usual rounds and iterations after which to give up.
     """
     said = "round limit"
     if not any(instants):
         instants = _lowest(grid, start, instants)
-    tolerance, iterations = (COARSE_TOLERANCE, 120) if grid.exact else (1e-9, 300)
+    tolerance, iterations = (COARSE_TOLERANCE, int(effort * 120)) if grid.exact else (1e-9, int(effort * 300))
     shift = None if grid.exact else _first_shift(grid, start, instants)
-    for round_ in range(ROUNDS):
+    for round_ in range(int(effort * ROUNDS)):
         program, read = pose(grid, instants, shift, models, reach)
         seconds = max(deadline - time.monotonic(), 0.01)
         solver = Ipopt(program, tolerance=tolerance, seconds=seconds, iterations=iterations)

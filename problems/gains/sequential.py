@@ -22,6 +22,10 @@ from problems.gains.modelled import Model, margins, modelled, values, wanted
 Array = NDArray[np.float64]
 
 STEPS = 60
+PATIENCE = 6
+"""Points refused in a row after which the best one is taken for the optimum."""
+EFFORT = 0.4
+"""Part of the usual effort that a program with models is worth; the next one has better ones."""
 KEPT = 12
 """Models of refused points that are remembered."""
 PRICE = 10.0
@@ -53,16 +57,18 @@ def optimise(
     if models is None:
         return Local(point=start, instants=instants, converged=False, said="the loop is not stable at the start")
     best = Point(gains=start.gains, v=min(start.v, _truth(grid, models, here)[0]))
-    merit, radius, said = -np.inf, 0.02 if near else 0.2, "step limit"
+    merit, radius, said, refused = -np.inf, 0.02 if near else 0.2, "step limit", 0
     kept: list[Model] = []
     for _ in range(STEPS):
-        found = exchange(grid, best, instants, deadline, near=near, models=[*models, *kept], reach=(here, radius))
+        found = exchange(
+            grid, best, instants, deadline, near=near, models=[*models, *kept], reach=(here, radius), effort=EFFORT
+        )
         if time.monotonic() > deadline:
             said = "time limit"
             break
         if not found.converged:
-            radius, near, kept = 0.3 * radius, False, []
-            if radius < SMALLEST:
+            radius, near, kept, refused = 0.3 * radius, False, [], refused + 1
+            if radius < SMALLEST or refused > PATIENCE:
                 said = found.said
                 break
             continue
@@ -73,16 +79,17 @@ def optimise(
         if np.isfinite(merit):
             if found.point.v <= merit + SETTLED * (1 + abs(merit)) and missing <= SETTLED:
                 return replace(found, point=best)
-            if radius < SMALLEST:
+            if radius < SMALLEST or refused > PATIENCE:
                 return replace(found, point=best)
         if worth > merit and trial is not None:
             far = float(np.abs(there - here).max()) > 0.9 * radius
             good = not np.isfinite(merit) or worth - merit > 0.5 * (found.point.v - merit)
-            radius = min(2.0 * radius, 0.5) if far and good else radius if good else 0.5 * radius
+            radius = min(2.0 * radius, 0.25) if far and good else radius if good else 0.5 * radius
             best, merit, here, models = Point(gains=found.point.gains, v=v), worth, there, trial
-            instants, near, kept = found.instants, True, []
+            instants, near, kept, refused = found.instants, True, [], 0
         else:
             kept += trial or []
+            refused += 1
             radius = 0.3 * min(radius, float(np.abs(there - here).max()) or radius)
         kept = [model for model in kept if _fair(model, models, here)][-KEPT:]
     return Local(point=best, instants=instants, converged=False, said=said)

@@ -66,6 +66,17 @@ def test_both_simulations_agree_at_every_sample(name, body, kind):
     assert np.ptp(first.F_H) > 0.02 * BIPEDS[body].weight  # there was something to agree on
 
 
+@pytest.mark.parametrize(("kind", "adapt"), [("cop", math.inf), ("force", 0.3)])
+def test_both_agree_on_a_law_that_reckons_with_another_body(kind, adapt):
+    real = Biped(M=51.0, L=0.76, I=7.2, m=0.2, ell=0.095)
+    world = SCENARIOS["slope"](real)
+    first = simulate(closed_loop(real, kind, THETA_D, adapt, PAPER), world, GAINS["paper"], STEP)
+    second = second_opinion(real, kind, THETA_D, GAINS["paper"], world, STEP, adapt, PAPER)
+    assert _apart(first, second, real.weight) < 1e-6
+    unaware = second_opinion(real, kind, THETA_D, GAINS["paper"], world, STEP, adapt)
+    assert _apart(first, unaware, real.weight) > 1e-4
+
+
 @pytest.mark.parametrize(("gain", "factor"), [(0, 1.001), (1, 1.001), (2, 1.005)])
 @pytest.mark.parametrize("kind", ["force", "cop"])
 def test_they_disagree_as_soon_as_a_gain_differs_a_little(kind, gain, factor):

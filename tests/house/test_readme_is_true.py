@@ -99,6 +99,8 @@ def test_what_adapting_buys_is_what_the_readme_says():
 
 
 def test_what_is_proved_is_what_the_readme_says():
+    from dataclasses import replace
+
     from design.proof.box import prove
     from design.spec.load import load
     from design.spec.setting import setting
@@ -108,3 +110,7 @@ def test_what_is_proved_is_what_the_readme_says():
     assert f"at least {proof.value['heel-force']:.3f} N under the heel" in README
     alone = problem.with_law("pd")
     assert f"the heel lifts at {prove(alone, alone.gains, 'ramp').counterexample.time_s:.3f} s" in README
+    by_load = prove(problem.with_law("cop"), problem.gains, "ramp")
+    assert f"`cop` is proved to keep {by_load.value['heel-force']:.3f} N" in README
+    follows = prove(replace(problem, adapt=0.1), problem.gains, "ramp")
+    assert f"`adapt_s = 0.1` {follows.value['toe-force']:.3f} N" in README

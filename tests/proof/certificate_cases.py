@@ -57,6 +57,28 @@ PD = (("angle_deg = 30.0", "angle_deg = 2.0"), ("ramp_s = 5.0", "ramp_s = 0.2"),
       ("duration_s = 10.0", "duration_s = 0.3"), ('kind = "force" ', 'kind = "pd" '))  # fmt: skip
 
 
+QUIET = """
+schema_version = 1
+name = "quiet"
+[body]
+mass_kg = 50.0
+com_height_m = 0.75
+[foot]
+mass_kg = 0.5
+half_length_m = 0.1
+[[scenarios]]
+name = "push"
+kind = "profile"
+points = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]]
+duration_s = 0.3
+[law]
+kind = "force"
+kp = 3500.0
+kd = 1200.0
+kf = 1.0
+"""
+
+
 def source(text, replaced=()):
     """A spec in which each (old, new) is changed."""
     for old, new in replaced:
@@ -188,6 +210,7 @@ def tampered():
         ("fx_n = 30.0", "fx_n = 30.5"),
         ("fy_n = -20.0", "fy_n = -22.0"), ("ramp_s = 0.4", "ramp_s = 0.41"), ("duration_s = 0.3", "duration_s = 0.31"),
         ("[0.3, 0.0, 0.0]]", "[0.3, 0.0, 0.0], [0.7, 50.0, 0.0]]"),
+        ("[0.3, 0.0, 0.0]]", "[0.3, 0.0, 0.0], [0.9, 0.0, 0.0], [0.8, 0.0, 0.0]]"),
     ):  # fmt: skip
         found[f"pushes: {old} -> {new}"] = respelled(pushes, old, new)
     # the cover of the box
@@ -236,6 +259,16 @@ def tampered():
     found["watched after an end that moves"] = changed(
         pushes, ("scenarios", 1, "tree", "part"), lambda _: {**copy.deepcopy(later), "after_s": 0.1}
     )
+    quiet = respelled(written(QUIET), "[0.1, 0.0, 0.0]", "[0.1, 900.0, 0.0]")
+    quiet = changed(quiet, (*CLAIMS, "decay-rate"), lambda _: 0.01)
+    found["a push passed over"] = changed(quiet, (*PART, "segments"), lambda each: [[], [], each[2]])
+    moves = respelled(written(QUIET), "[0.2, 0.0, 0.0]]", "[0.2, 0.0, 0.0], [0.3, 0.0001, 0.0]]")
+    low = {"toe-force": 100.0, "heel-force": 100.0, "cop-margin": 0.01, "decay-rate": 0.01}
+    found["watched where the force still moves"] = changed(moves, CLAIMS, lambda _: low)
+    found["law pd with an integral"] = changed(written(builtin_text("slope"), PD), ("law", "kf"), lambda _: 1.0)
+    lowered = changed(one, CLAIMS, lambda its: {**its, "toe-force": 25.0, "heel-force": 25.0, "cop-margin": 1e-3})
+    lighter = "[uncertainty]\nfoot_mass_kg = 0.2\n[law]"
+    found["a foot that weighs less than nothing"] = respelled(lowered, "[law]", lighter)
     for scenario in (0, 1, 2):
         for state in (1, 2, 3):
             found[f"pushes {scenario} state {state}"] = changed(
@@ -283,5 +316,9 @@ def weaker():
     )
     found["an eased demand"] = respelled(one, "contact_force_n = 20.0", "contact_force_n = { min = 40.0, soft = true }")
     found["no demand on the torque"] = respelled(one, "torque_nm = 60.0", "torque_nm = { max = 6.0, soft = true }")
+    found["a ramp uncertain that is none"] = respelled(one, "[law]", "[uncertainty]\nramp_s = 0.1\n[law]")
+    found["a slope uncertain that is none"] = respelled(
+        written(PROFILE), "[law]", "[uncertainty]\nslope_deg = 1.0\n[law]"
+    )
     found["one scenario of three"] = changed(written(PROFILE), ("scenarios",), lambda each: each[:1])
     return found

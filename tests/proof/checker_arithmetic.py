@@ -180,16 +180,54 @@ def check_linear(linear):
             root = np.linalg.inv(np.linalg.cholesky(P).T)
             rate = -0.5 * np.linalg.eigvalsh(root.T @ (P @ J + J.T @ P) @ root).max()
             exact = [[Fraction(float(each)) for each in row] for row in P]
-            for share in (0.999, 1.001):
+            for share in (0.999, 1.001, 0.0, -1.0):
                 kept = True
                 try:
                     linear.check_contraction(exact, Fraction(float(share * rate)), gains, ranges)
                 except Exception as error:
                     assert "contract" in str(error)
                     kept = False
-                assert kept == (share < 1)
+                assert kept == (share == 0.999)
     ends = [(Fraction(1), Fraction(2)), (Fraction(3), Fraction(4)), (Fraction(5), Fraction(6))]
     assert set(linear.corners(*ends)) == {(G, 1 / I, 1 / ell) for G in ends[0] for I in ends[1] for ell in ends[2]}
+
+
+def check_errors(tube):
+    """Each way in which a state that is off moves the load is counted: in turn one is nearly all that counts."""
+    rng = np.random.default_rng(13)
+    one, (M, L, I, m, ell) = tube.ONE, (50.0, 0.75, 7.03125, 2.0, 0.1)
+    numbers = {"M": M, "L": L, "I": I, "m": m, "ell": ell, "slope": 0.0, "ramp": 0.0}
+    box = {name: (Fraction(repr(each)), Fraction(0)) for name, each in numbers.items()}
+    wide, narrow = Fraction(1), Fraction(10**10)
+    for metric, middle, K in (
+        ((wide, narrow), (1.2, 100.0), (400.0, 10.0)),  # omega² cos theta, by theta
+        ((narrow, wide), (0.02, 100.0), (400.0, 1.0)),  # by omega
+        ((wide, narrow), (0.0, 0.0), (9000.0, 10.0)),  # theta'' sin theta, by sin theta
+        ((wide, narrow), (1.2, 0.0), (9000.0, 10.0)),  # by theta''
+        ((narrow, wide), (1.2, 0.0), (400.0, 900.0)),
+    ):
+        P = [[metric[0], Fraction(0)], [Fraction(0), metric[1]]]
+        gains = [Fraction(repr(each)) for each in K]
+        loop = tube._Loop(
+            {"law": {"desired_angle_deg": Fraction(40)}}, {"kind": "force"}, gains, Fraction("9.81"), box, P
+        )
+        x = [tube.Ball(tube.constant(Fraction(repr(each))).rows) for each in middle]
+        parts = loop.parts(x, [tube.constant(Fraction(0))] * 2)
+
+        def load(theta, omega, K=K):
+            tau = K[0] * (np.radians(40.0) - theta) - K[1] * omega
+            turning = (M * 9.81 * L * np.sin(theta) + tau) / I
+            return tau, m * 9.81 + M * 9.81 - M * L * (turning * np.sin(theta) + omega**2 * np.cos(theta))
+
+        for radius in (1e-4, 1e-2):
+            tau_off, load_off = (each / one for each in loop.errors(x, parts, int(radius * one)))
+            far = [0.0, 0.0]
+            for way in rng.standard_normal((200, 2)):
+                y = np.array(middle) + way / np.linalg.norm(way) * radius / np.sqrt([float(each) for each in metric])
+                off = np.abs(np.subtract(load(*y), load(*middle)))
+                far = np.maximum(far, off)
+            assert far[0] <= tau_off
+            assert far[1] <= load_off < 4 * far[1] + 1e-6
 
 
 def check_tube(tube):
@@ -249,6 +287,9 @@ def check_tube(tube):
                     assert min(found.cop) / one <= (ell - 0.01) * load - abs(tau)
                     assert min(found.G) / one <= G <= max(found.G) / one
                     assert abs(y[0] - middle[0]) * one <= found.reach
+            few = [3, 1, 2][:n]
+            least = sum(a * b * size for a, row in zip(few, loop.sizes) for b, size in zip(few, row))  # noqa: B905
+            assert least <= loop.norm(few) ** 2 << 64 <= least + (8 * loop.norm(few) << 64)
             off = np.abs(rng.standard_normal(n))
             bound = loop.norm([int(each * one) for each in off]) / one
             assert np.sqrt(off @ np.abs(metric_n) @ off) <= bound * (1 + 1e-12) < 1.001 * bound

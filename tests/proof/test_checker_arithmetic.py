@@ -2,6 +2,7 @@
 
 import ast
 import copy
+import json
 import signal
 import sys
 from fractions import Fraction
@@ -37,6 +38,10 @@ def test_poles_and_definiteness_are_those_of_numpy():
 
 def test_the_edge_of_a_wide_tube_lies_within_its_bounds():
     checker_arithmetic.check_tube(tube)
+
+
+def test_each_way_in_which_a_state_that_is_off_moves_the_load_is_counted():
+    checker_arithmetic.check_errors(tube)
 
 
 def test_numbers_are_read_as_they_are_written():
@@ -163,6 +168,12 @@ def killed(name, tree, cases, seconds=60.0):
             checker_arithmetic.check_linear(modules["linear"])
         if name == "tube":
             checker_arithmetic.check_tube(modules["tube"])
+            checker_arithmetic.check_errors(modules["tube"])
+        first = cases[0][0]
+        for digest, truth in ((json.loads(first)["spec"]["sha256"], True), ("0" * 64, False)):
+            answer = modules["verdict"].check(given_time(first), sha256=digest)
+            if answer.confirmed != truth or "not the spec" in answer.law or answer.parts != int(truth):
+                return True
         return any(modules["verdict"].check(given_time(text)).confirmed != truth for text, truth in cases)
     except Exception:
         return True
@@ -194,5 +205,5 @@ def test_the_checker_as_it_is_survives():
 @pytest.mark.slow
 def test_a_changed_checker_is_caught():
     count, left = survivors(every=67)
-    # many of those left are no faults: a bound made wider, a check that another one repeats, a rounding by one unit
-    assert len(left) < 0.35 * count, left
+    # some of those left are no faults: a bound made wider, a check that another one repeats, a limit of size
+    assert len(left) < 0.25 * count, left

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from design.proof.taylor import DEGREE, Model, constant, reciprocal, sine_and_cosine
+from design.proof.spans import Span
+from design.proof.taylor import DEGREE, Model, constant, inverse, reciprocal, sine_and_cosine
 
 PIECES, PARAMETERS = 3, 2
 
@@ -88,6 +89,50 @@ def test_a_reciprocal_is_held(value, part, share):
     a, b, r = reciprocal(value, radius)
     truth = 1 / (Fraction(value) + Fraction(share) * Fraction(radius))
     assert abs(truth - Fraction(a) - Fraction(share) * Fraction(b)) <= Fraction(r)
+
+
+@given(
+    seed=seeds,
+    place=places,
+    share=shares,
+    size=st.sampled_from([1e-8, 1e-3, 0.1]),
+    middle=st.sampled_from([-3.0, 1.0, 450.0]),
+)
+@settings(max_examples=80, deadline=None)
+def test_the_inverse_of_a_model_is_held(seed, place, share, size, middle):
+    x = _model(seed, size * abs(middle), rest=1e-6) + middle
+    if not (x.rest + np.abs(x.c).sum(axis=(1, 2)) - np.abs(x.centre()) < np.abs(x.centre())).all():
+        with pytest.raises(ValueError, match="may be zero"):
+            inverse(x)
+        return
+    found = inverse(x)
+    v, *p = place
+    for piece in range(PIECES):
+        assert _holds(found, 1 / _exact(x, piece, v, p, share), piece, place)
+        assert size > 1e-3 or found.rest[piece] < 1e-5
+
+
+def test_what_may_be_zero_has_no_inverse():
+    model = Model(np.array([[[1.0, 0.6, 0.0, 0.0, 0.0, 0.0], [0.4, 0.0, 0.0, 0.0, 0.0, 0.0]]]), np.zeros(1))
+    for bad in (model, -model, constant(1, 0, 0.0)):
+        with pytest.raises(ValueError, match="may be zero"):
+            inverse(bad)
+
+
+@given(a=st.tuples(unit, unit), b=st.tuples(unit, unit), one=st.floats(0.0, 1.0), two=st.floats(0.0, 1.0))
+def test_spans_hold_what_is_made_of_their_numbers(a, b, one, two):
+    A, B = (Span(np.array([min(pair)]), np.array([max(pair)])) for pair in (a, b))
+    x = min(max(a), max(min(a), min(a) + one * (max(a) - min(a))))
+    y = min(max(b), max(min(b), min(b) + two * (max(b) - min(b))))
+    X, Y = Fraction(x), Fraction(y)
+    for span, truth in ((A.plus(B), X + Y), (A.less(B), X - Y), (A.times(B), X * Y), (A.times(0.3), X * Fraction(0.3))):
+        assert Fraction(float(span.low[0])) <= truth <= Fraction(float(span.high[0]))
+    if min(b) > 1e-9:
+        quotient = A.over(B)
+        assert Fraction(float(quotient.low[0])) <= X / Y <= Fraction(float(quotient.high[0]))
+    elif min(b) <= 0:
+        with pytest.raises(ValueError, match="zero"):
+            A.over(B)
 
 
 @given(seed=seeds, v=st.sampled_from([-1.0, -0.5, 0.0, 0.25, 1.0]))

@@ -22,6 +22,7 @@ from problems.gains.check import checked
 from problems.gains.exchange import NEAR, Local, lowest_below, union
 from problems.gains.goal import Goal
 from problems.gains.grid import Grid, Instants, Point
+from problems.gains.modelled import wanted
 from problems.gains.question import Question
 from problems.gains.sequential import optimise
 from problems.gains.starts import CANDIDATES, UNKNOWN, from_start, survey
@@ -61,7 +62,7 @@ def solve(
     if near is None:
         say(f"surveying {CANDIDATES} gains")
         points, merit = survey(coarse)
-        most = count if starts else PATIENCE * count
+        most = count if starts or wanted(question, goal) else PATIENCE * count  # those take their time
         chosen = best_apart(points, merit, most, question.lower, question.upper)
         merits = {tuple(K): m for K, m in zip(points, merit, strict=True)}
     else:

@@ -58,7 +58,7 @@ def _case(body, gains, world, radii=(0.0,) * 7, kind="force", step=1e-3, adapt=m
 
 def _held(case, found, biped, scenario, slack=2e-4):
     """Whether another integrator's run of a body and world of the box stays within the bounds over all times."""
-    ran = second_opinion(biped, case.kind, 0.0, case.gains, scenario, case.step, case.adapt, case.believed)
+    ran = second_opinion(biped, case.kind, 0.0, case.gains, scenario, case.step, case.adapt, known=case.believed)
     for row, values in (("toe-force", ran.F_T), ("heel-force", ran.F_H), ("torque", np.abs(ran.tau))):
         assert values.min() >= found.low[row].min() - slack, row
         assert values.max() <= found.high[row].max() + slack, row
@@ -393,7 +393,7 @@ def test_a_box_is_proved_under_the_other_laws_for_a_law_that_knows_the_middle_on
     assert proof.answer == "proved"
     for signs in itertools.product((-1.0, 1.0), repeat=4):
         body, its = tolerances.drawn(PAPER, world, [*signs[:2], 0.0, 0.0, signs[2], signs[3], 0.0])
-        ran = second_opinion(body, kind, 0.0, CALM, its, 1e-3, adapt, PAPER)
+        ran = second_opinion(body, kind, 0.0, CALM, its, 1e-3, adapt, known=PAPER)
         assert min(ran.F_T.min(), ran.F_H.min()) >= min(proof.value["toe-force"], proof.value["heel-force"])
         one = replace(_case(body, CALM, its, kind=kind, adapt=adapt), known=PAPER)
         assert poles.rate(one, poles.numbers(one)) >= proof.value["decay-rate"]

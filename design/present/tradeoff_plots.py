@@ -24,26 +24,33 @@ STRETCHED = 1.8
 def tradeoff_figure(facts: Facts, title: str) -> Figure:
     """Two margins: the front, and beside it again with the spec's own gains if those are far; three: all pairs."""
     points = np.array([list(each["values"].values()) for each in facts["points"]], dtype=float)
+    pairs = list(combinations(range(points.shape[1]), 2))
     own = _own(facts)
-    if points.shape[1] == 3:
-        figure, grid = canvas(13.2, 4.9, 1, 3)
-        for ax, pair in zip(grid[0], combinations(range(3), 2), strict=True):
-            _panel(ax, facts, points[:, pair], own if own is None else own[list(pair)], pair)
-    else:
-        far = own is not None and bool((_reach(points, own) > STRETCHED * _reach(points, None)).any())
-        figure, grid = canvas(12.0 if far else 6.8, 4.9, 1, 2 if far else 1)
-        _panel(grid[0, 0], facts, points, None if far else own, (0, 1))
+    far = own is not None and bool((_reach(points, own) > STRETCHED * _reach(points, None)).any())
+    rows, columns = (1 + far, 3) if len(pairs) > 1 else (1, 1 + far)
+    height = 0.9 + 4.0 * rows
+    figure, grid = canvas(0.8 + 4.4 * columns if len(pairs) > 1 else 0.8 + 5.8 * columns, height, rows, columns)
+    for panel, ax in enumerate(grid.flat):
+        pair, whole = pairs[panel % len(pairs)], not far or panel >= len(pairs)
+        its = own[list(pair)] if own is not None and whole else None
+        _panel(ax, facts, points[:, pair], its, pair, named=not (far and whole))
         if far:
-            _panel(grid[0, 1], facts, points, own, (0, 1), named=False)
-            heading(grid[0, 0], "the front")
-            heading(grid[0, 1], "with the spec's own gains")
-    figure.subplots_adjust(bottom=0.2, top=0.86)
+            heading(ax, "with the spec's own gains" if whole else "the front")
+    figure.subplots_adjust(bottom=0.95 / height, top=1 - 0.75 / height, hspace=0.32)
     for ax in grid.flat:
-        ax.xaxis.set_label_coords(0.5, -0.11)
-    figure.suptitle(title, fontsize=10, y=0.975)
+        ax.xaxis.set_label_coords(0.5, -0.13)
+    if len(pairs) > 1:
+        title += "\n" + "; ".join(_marks(facts))
+    figure.suptitle(title, fontsize=10, y=1 - 0.08 / height)
     handles = {label: handle for ax in grid.flat for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=len(handles), fontsize=8, frameon=False)
     return figure
+
+
+def _marks(facts: Facts) -> list[str]:
+    """Which points are marked."""
+    marks = [f"best {id}: {k}" for id, k in facts["ends"].items()]
+    return [*marks, f"knee: {facts['knee']['point']}"] if facts["knee"] else marks
 
 
 def _own(facts: Facts) -> Array | None:
@@ -94,9 +101,9 @@ def _panel(
             linestyle="none", label="ends" if number == 0 else None,
         )  # fmt: skip
         if named:
-            _note(ax, f"{k}: best {', '.join(ids)}", at, worst, best)
+            _note(ax, f"{k}: best {', '.join(ids)}" if two else str(k), at, worst, best)
     if knee and named:
-        _note(ax, f"{knee['point']}: knee", points[knee["point"] - 1], worst, best)
+        _note(ax, f"{knee['point']}: knee" if two else str(knee["point"]), points[knee["point"] - 1], worst, best)
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
     for name, each in zip(("xlabel", "ylabel"), margins, strict=True):
@@ -112,6 +119,8 @@ def _note(ax: Axes, text: str, at: Array, worst: Array, best: Array) -> None:
     dx, dy = (-12 * across, -14 * up) if x > 0.2 else (4 * across, -32 * up)
     if y < 0.2:
         dy = 0.0
+    if text.isdecimal():
+        dx, dy = 11 * across, 0.0
     side = {1: "left", -1: "right"}[int(np.sign(dx))]
     ax.annotate(
         text, (at[0], at[1]), xytext=(dx, dy), textcoords="offset points", fontsize=8, ha=side, va="center",

@@ -1,6 +1,8 @@
 """A front between margins: its ends are the single optima, nothing beats it, and it is evenly spread."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -95,6 +97,23 @@ def test_the_paper_s_own_gains_are_beaten(front):
     assert front.own.met
     assert front.own.values == pytest.approx([29.5417, 1.40038], rel=1e-4)
     assert (front.designs[front.own.beaten].values > front.own.values).all()
+
+
+def test_the_front_of_the_readme_is_what_is_found(front):
+    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    section = readme.split("## What one margin costs in another\n")[1].split("\n## ")[0]
+    shown = np.array(
+        [[float(x) for x in line.split()[1:6]] for line in re.findall(r"^    \d .*$", section, re.MULTILINE)]
+    )
+    found = np.array([[*each.values, *each.gains] for each in front.designs])
+    assert shown == pytest.approx(found, rel=1e-5)
+    assert f"    {front.knee[0] + 1} " in next(line for line in section.splitlines() if line.endswith("knee"))
+    (first, last), said = np.abs(np.diff(found[:, :2], axis=0))[[0, -1]], " ".join(section.split())
+    assert round(first[0], 1) == 0.2
+    assert f"The first fifth of a newton buys {first[1]:.2f} 1/s, the last {last[0]:.2f} N only {last[1]:.2f}" in said
+    own = front.own.values
+    assert f"own gains, {own[0]:.1f} N and {own[1]:.2f} 1/s, are beaten in both by all nine" in said
+    assert (found[:, :2] > own).all()
 
 
 def test_the_knee_is_farthest_outside_of_the_chord(front):

@@ -158,6 +158,33 @@ def synthesize(
 
 
 @app.command()
+def tradeoff(
+    spec: SpecArgument,
+    rows: Annotated[list[str] | None, typer.Argument(metavar="[ROW]...", help="Further ROWs of --between.")] = None,
+    between: Annotated[
+        list[str] | None, typer.Option(metavar="ROW [ROW [ROW]]", help="The margins: A B or A,B.")
+    ] = None,
+    points: Annotated[int, typer.Option("--points", min=2, max=500, help="Designs, the ends among them.")] = 15,
+    point: Annotated[str | None, typer.Option(metavar="K|knee", help="Write this one to -o, for `report`.")] = None,
+    law: LawOption = None,
+    time_limit: TimeLimit = 600.0,
+    format: Annotated[Literal["text", "json", "csv", "md"], typer.Option(help="Form of the output.")] = "text",
+    plot: Plot = None,
+    output: Output = None,
+    strict: Strict = False,
+) -> None:
+    """Find what one margin costs in another: the front of two or three, each point a design that is checked.
+
+    With -o FILE.html, .md, .csv or .json the form follows the file's ending.
+    """
+    from problems.tradeoff import command
+
+    asked = [*(between or []), *(rows or [])]
+    answer = command.tradeoff(spec, law, asked, points, time_limit, point, format, plot, output, strict=strict)
+    raise typer.Exit(CODES[answer])
+
+
+@app.command()
 @reads_recordings
 def report(
     spec: Annotated[str, typer.Argument(metavar="SPEC|DESIGN", help="Spec, or a design.json of `synthesize`.")],

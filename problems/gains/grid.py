@@ -85,7 +85,7 @@ class Grid:
         """The same trajectories for a ``question`` that differs in the levels of its requirements alone."""
         found = Grid(question, self.step, self.goal)
         cases = question.cases(self.goal)
-        if all(mine.sized == its.sized for mine, its in zip(self.cases, cases, strict=True)):
+        if [mine.sized for mine in self.cases] == [its.sized for its in cases]:
             vars(found)["cases"] = [
                 Case(name=mine.name, loop=mine.loop, limits=its.limits, scenario=mine.scenario, sized=mine.sized)
                 for mine, its in zip(self.cases, cases, strict=True)

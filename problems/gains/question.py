@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 COARSEST = 0.01
 """Longest step of the coarse time grid [s]."""
 SURVIVALS = ("step-slope", "push")
+RESOLUTION = 1.1e-4
+"""Part of the physical limit by which the report's largest disturbance may be below the true one: it is bisected."""
 KNOWN = 9
 """Environments that are looked at where the law knows another body and its two ends do not decide."""
 
@@ -162,7 +164,7 @@ class Question:
     def _sized(self, kind: str, goal: Goal, side: float) -> Sized | None:
         unit = side * (np.pi / 180 if kind == "step-slope" else 1.0)
         level, wish = self.level(kind), self.wish(kind)
-        base, rate = level or 0.0, 0.0
+        base, rate = 0.0 if level is None else level + RESOLUTION * self.scale_of(kind), 0.0
         if goal.id == kind:
             base, rate = 0.0, goal.scale
         elif goal.id == "goals" and wish is not None:

@@ -92,7 +92,7 @@ class Searched:
     left: Boxes
 
 
-class Test:
+class Exclusion:
     """What is asked of a box at a level of v: the poles, and the trajectories where there is a course."""
 
     def __init__(self, question: Question, goal: Goal, course: Course | None) -> None:
@@ -141,7 +141,7 @@ def target_of(best: float, gap: float) -> float:
 
 
 def branch(
-    test: Test, box: Boxes, best: float, gap: float, deadline: float, improve: Improve, say: Say = lambda *_: None
+    test: Exclusion, box: Boxes, best: float, gap: float, deadline: float, improve: Improve, say: Say = lambda *_: None
 ) -> Searched:
     """Search ``box`` until no gains can reach ``best`` and the ``gap`` (relative), or until the ``deadline``.
 
@@ -182,7 +182,7 @@ def branch(
     return Searched(bound=bound, best=best, looked=looked, courses=courses, left=open_)
 
 
-def _tightened(test: Test, boxes: Boxes, target: float) -> Boxes:
+def _tightened(test: Exclusion, boxes: Boxes, target: float) -> Boxes:
     """Those of the boxes that may reach the target, each with a bound of its own."""
     low = np.full(len(boxes), target)
     boxes = boxes.at(test.missed(boxes, low)[0] >= 0)

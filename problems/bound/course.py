@@ -33,6 +33,8 @@ SHARE = 0.1
 """Part of the curvature's largest effect that is added to what the quadratic misses."""
 TRUSTED = 0.5
 """A quadratic that misses more than this part of its curvature's largest effect is not used."""
+TINY = 1e-3
+"""What it may miss in any case, in the scale of its row."""
 CLEAR = 0.98
 """Part of the samples that can be used, from which a box is thought to be seen clearly."""
 BATCH = 16
@@ -167,7 +169,7 @@ def _quadratics(middle: Array, corners: Array, radius: Array) -> tuple[Quadratic
     rest = SAFETY * missed + SHARE * bend
     down = ~(np.abs(np.concatenate([middle[:, None, :, 0], corners[..., 0]], axis=1)) < FALLEN)  # (b, 5, n)
     before = ~np.logical_or.accumulate(down.any(axis=1), axis=-1)  # (b, n)
-    good = before[..., None] & (missed <= TRUSTED * bend + 1e-9)
+    good = before[..., None] & (missed <= TRUSTED * bend + TINY)
     upper = np.concatenate([f[:, None], said], axis=1) + rest[:, None]
     where = np.argmin(np.where(good[:, None], upper, np.inf), axis=2)  # (b, 5, rows)
     take = (np.arange(b)[:, None, None], where, np.arange(count))

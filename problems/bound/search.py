@@ -15,7 +15,7 @@ from design.model.laws import Gains
 from design.spec.setting import Setting
 from problems import gains
 from problems.bound.bracket import COVERED, Bracket
-from problems.bound.branch import SMALLEST, Searched, Test, branch, target_of
+from problems.bound.branch import SMALLEST, Exclusion, Searched, branch, target_of
 from problems.bound.course import Course
 from problems.gains import Grid, Point, Question
 from problems.gains.goal import Goal
@@ -49,7 +49,7 @@ def bracket(
     exact: Searched | None = None
     if goal.id == "decay-rate":
         say("bounding by the poles alone")
-        test = Test(question, goal, None)
+        test = Exclusion(question, goal, None)
         exact = branch(
             test,
             test.root(question, test.poles.fastest(question)),
@@ -61,7 +61,7 @@ def bracket(
         if exact.bound <= target_of(best, gap) * (1 + 1e-12):
             return _bracket(question, goal, keeper, exact, exact, gap, courses=False)
     say("bounding by the trajectories")
-    test = Test(question, goal, Course(Grid(question, question.coarse_step, goal)))
+    test = Exclusion(question, goal, Course(Grid(question, question.coarse_step, goal)))
     root = test.root(question, math.inf if exact is None else exact.bound)
     found = branch(test, root, best, gap, begun + seconds, keeper.improve, keeper.say)
     return _bracket(question, goal, keeper, found, exact, gap, courses=True)

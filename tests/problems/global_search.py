@@ -11,6 +11,7 @@ from scipy.optimize import differential_evolution
 
 from design.analysis.many import extremes
 from design.analysis.survival import step_slope
+from design.analysis.verdict import judge
 from design.model.body import Biped
 from design.model.environment import profile, slope
 from design.model.laws import Gains
@@ -22,6 +23,8 @@ from design.spec.setting import setting
 from problems import gains as question
 
 LOST = -1e3
+STEP = 0.004
+"""Of the marches [s]: at the coarse step of the program, what happens between the samples costs 1e-4 of a force."""
 
 
 def posed(name, objective, **levels):
@@ -67,7 +70,7 @@ class Rival:
         runs = [
             extremes(
                 problem.biped, problem.law, Gains(*K), scenario, Tolerances(), np.zeros((K.shape[1], 7)),
-                step=asked.coarse_step, theta_d=problem.theta_d, target=problem.target, adapt=problem.adapt,
+                step=STEP, theta_d=problem.theta_d, target=problem.target, adapt=problem.adapt,
             )
             for scenario in problem.scenarios
         ]  # fmt: skip
@@ -101,3 +104,18 @@ class Rival:
             vectorized=True, updating="deferred",
         )  # fmt: skip
         return Gains(*map(float, found.x)), -float(found.fun)
+
+    def judged(self, gains):
+        """The objective at ``gains`` by the verdict at full resolution, and the problem of whose answers they are one.
+
+        Between the samples of the search a requirement may just be missed: then as much is asked as these gains keep.
+        """
+        problem, asked = self.problem, self.asked
+        verdict = judge(problem, gains, also=(problem.objective,))
+        required = dict(problem.required)
+        for row in verdict.rows:
+            if row.counts and row.status != "met":
+                id = "contact-force" if row.id in ("toe-force", "heel-force") else row.id
+                assert -row.margin < 1e-4 * asked.scale_of(id)
+                required[id] = Required(level=min(required[id].level, row.value - 1e-9))
+        return asked.score(asked.goal(problem.objective), gains, verdict), replace(problem, required=required)

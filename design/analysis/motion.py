@@ -109,9 +109,12 @@ class Motion:
         )
         return ca.Function("states", [p], [plain], ["p"], ["Z"], {"custom_jacobian": slope, **_CLOSED})
 
-    def all_states(self, p: ca.MX) -> ca.MX:
-        """States (m, N+1) at every sample, without the fast derivatives."""
-        return self._marched(0, p, self._count)
+    def all_states(self, p: ca.MX, order: int = 0) -> ca.MX:
+        """States (m, N+1) at every sample, without the fast derivatives.
+
+        With ``order`` 1 or 2 their sensitivities stand below them, by parameter, then by pair of parameters.
+        """
+        return self._marched(order, p, self._count)
 
     def force(self, instants: Sequence[int] | None, p: ca.MX) -> Any:
         """The force (2, n) [N] at the samples numbered ``instants``, or at all."""

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import differential_evolution
 
 from design.analysis.obstacles import obstacles
 from design.analysis.recheck import second_opinion
@@ -125,25 +124,6 @@ def test_no_neighbour_within_the_bounds_is_better():
 def test_a_time_limit_ends_it_undecided():
     answer = question.solve(SLOPE, seconds=0.05)
     assert answer.outcome.status.word == "undecided"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["adult-slope", "slope-step", "wind", "train"])
-def test_no_worse_than_a_global_search(name):
-    problem = setting(load(name).spec)
-    asked = question.Question(problem)
-    grid = question.Grid(asked, 0.002, asked.goal("contact-force"))
-
-    def loss(K):
-        if question.question_decay(asked, K) <= 0:
-            return 1e3 - question.question_decay(asked, K)
-        margins = grid.margins(question.Point(gains=Gains(*K), v=0.0))
-        return 1e3 if margins is None else -min(rows[:2].min() for rows in margins) * asked.limits[0].scale
-
-    box = list(zip(asked.lower, asked.upper, strict=True))
-    other = differential_evolution(loss, box, maxiter=25, popsize=10, rng=1, tol=1e-10, polish=False)
-    found = question.solve(problem).outcome.value
-    assert found.value >= -other.fun * (1 - 1e-4)
 
 
 @pytest.mark.parametrize(

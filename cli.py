@@ -137,6 +137,7 @@ def synthesize(
     law: LawOption = None,
     starts: Annotated[int | None, typer.Option("--starts", min=1, max=1000, help="Number of starts.")] = None,
     nominal: Annotated[bool, typer.Option("--nominal", help="For the nominal body, not all of [uncertainty].")] = False,
+    bracket: Annotated[bool, typer.Option("--global", help="Bound the best that any gains can do.")] = False,
     sensitivities: Annotated[bool, typer.Option("--sensitivities", help="Solve what one per cent more buys.")] = False,
     why_not: Annotated[bool, typer.Option(help="If there are none: what excludes what, and what would do.")] = True,
     time_limit: TimeLimit = 600.0,
@@ -151,7 +152,7 @@ def synthesize(
     from design.present import terminal
     from problems import commands
 
-    search = commands.Search(maximise, minimise, starts, nominal, False, sensitivities, why_not, time_limit)
+    search = commands.Search(maximise, minimise, starts, nominal, bracket, sensitivities, why_not, time_limit)
     printed, word = commands.synthesize(spec, law, search, format, output, strict=strict)
     terminal.deliver(printed, None)
     raise typer.Exit({"solved": MET, "infeasible": VIOLATED}.get(word, UNDECIDED))

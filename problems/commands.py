@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from design.analysis.objectives import OBJECTIVES
 from design.analysis.synthesis import Answer
@@ -17,6 +17,12 @@ from design.model.laws import LawKind
 from design.present import opening, store, synthesis, terminal
 from design.solvers.outcome import Status
 from design.spec.setting import Setting
+
+if TYPE_CHECKING:
+    from problems.bound import Bracket
+
+BRACKET = 60.0
+"""Seconds for the bracket of the global optimum."""
 
 
 class Search(NamedTuple):
@@ -40,22 +46,55 @@ def synthesize(
     problem = with_objective(problem, search.maximise, search.minimise)
     if search.nominal:
         problem = replace(problem, robust=False)
+    if search.bracket:
+        _can_bracket(problem)
     with terminal.progress() as say:
-        answer = _sought(problem, search, say)
-    stored = store.dumps(synthesis.document(source, problem, answer))
+        answer, bracket = _sought(problem, search, say)
+    facts, lines = _told(bracket)
+    stored = store.dumps(synthesis.document(source, problem, answer, facts))
     if output:
         store.write(output, stored)
-    printed = stored if form == "json" else synthesis.text(source, problem, answer, terminal.painter_for_output())
+    printed = (
+        stored if form == "json" else synthesis.text(source, problem, answer, terminal.painter_for_output(), lines)
+    )
     return printed, answer.outcome.status.word
 
 
-def _sought(problem: Setting, search: Search, say: Callable[[str], None]) -> Answer:
-    """The gains, and what else was asked of them; why not, where there are none."""
+def _can_bracket(problem: Setting) -> None:
+    """Raise ``BadInput`` for what no bound is known of."""
+    from problems.bound import COVERED
+
+    if problem.objective not in COVERED:
+        message = f"knows bounds of {', '.join(COVERED)}, not of {problem.objective}; leave it out"
+        raise BadInput(message, key="--global")
+    if problem.robust and not problem.tolerances.none:
+        message = "is for the nominal body, and the spec has [uncertainty]; add --nominal"
+        raise BadInput(message, key="--global")
+
+
+def _told(bracket: Bracket | None) -> tuple[dict[str, Any] | None, list[str] | None]:
+    """The bracket as stored and as words."""
+    if bracket is None:
+        return None, None
+    from problems import bound
+
+    return bound.facts(bracket), bound.lines(bracket)
+
+
+def _sought(problem: Setting, search: Search, say: Callable[[str], None]) -> tuple[Answer, Bracket | None]:
+    """The gains, and what else was asked of them: a bracket of the optimum; or why not, where there are none."""
     from problems import robust
 
     began = time.monotonic()
     answer = robust.solve(problem, starts=search.starts, seconds=search.time_limit, say=say)
     left = search.time_limit - (time.monotonic() - began)
+    found = None
+    if answer.outcome.found is not None and search.bracket:
+        from problems import bound
+
+        found = bound.bracket(problem, answer.outcome.found, seconds=min(left, BRACKET), say=say)
+        if found.better is not None:
+            answer = replace(answer, outcome=replace(answer.outcome, found=found.better))
     if answer.outcome.found is not None and search.sensitivities:
         from problems import sensitivity
 
@@ -65,7 +104,7 @@ def _sought(problem: Setting, search: Search, say: Callable[[str], None]) -> Ans
 
         beside = [robust.world(problem, point.shares, point.scenario) for point in answer.points]
         answer = replace(answer, why=whynot.solve(problem, beside=beside, seconds=left, say=say))
-    return answer
+    return answer, found
 
 
 def with_objective(problem: Setting, maximise: str | None, minimise: str | None) -> Setting:

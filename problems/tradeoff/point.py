@@ -104,8 +104,8 @@ class Designer:
         winner = refined(fine, point, self.deadline)
         if not winner.converged:
             return None
-        for about in (question, self._lenient(question)):
-            answer = checked(about, goal, winner, 1, 1, 1)
+        for grid in (fine, fine.asking(self._lenient(question))):
+            answer = checked(grid, winner, 1, 1, 1)
             if answer.outcome.found is not None:
                 return self.known(answer.outcome.found, id, levels)
         return None

@@ -60,7 +60,7 @@ def test_no_neighbour_is_better(problem):
 
 @pytest.mark.parametrize(
     "levels",
-    [{"delay_margin": 0.03}, {"disk_margin": 1.3, "phase_margin": 70.0}, {"step_slope": 5.0}, {"torque_rate": 60.0}],
+    [{"delay_margin": 0.05}, {"disk_margin": 1.3, "phase_margin": 70.0}, {"step_slope": 5.0}, {"torque_rate": 60.0}],
 )
 def test_a_requirement_of_any_kind_is_kept_and_costs(levels):
     free = solve(_with("contact-force")).outcome.value

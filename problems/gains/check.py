@@ -18,7 +18,7 @@ from problems.gains.exchange import Local
 from problems.gains.goal import GAINS, Goal
 from problems.gains.grid import Grid
 from problems.gains.prices import prices
-from problems.gains.question import Question, question_decay
+from problems.gains.question import Question
 
 Array = NDArray[np.float64]
 
@@ -116,7 +116,8 @@ def _doubt(question: Question, goal: Goal, gains: Gains, verdict: Verdict) -> st
                     f"{id} in scenario {scenario.name!r}: {value} N with the step of {setting.step:g} s,"
                     f" {lowest:.8g} N with an adaptive integrator."
                 )
-    slowest = question_decay(question, np.array(gains))
+    own = [each for each in question.environments if each.world is setting]
+    slowest = min(-float(np.roots([1.0, *each.coefficients(gains)]).real.max()) for each in own)
     claimed = worst(verdict.rows, "decay-rate").value
     if slowest <= 0 or claimed is None or abs(slowest - claimed) > 1e-3 * question.pace:
         return f"decay-rate: {claimed} 1/s by the polynomial, {slowest:.8g} 1/s by eigenvalues."

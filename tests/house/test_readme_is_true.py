@@ -37,6 +37,19 @@ def test_the_python_example_prints_what_is_shown():
     _assert_same(_blocks("text")[1], _run("-c", _blocks("python")[0]))
 
 
+def test_why_not_is_said_as_shown(tmp_path):
+    shown = re.search(r"(    contact-force and decay-rate exclude.*?)\n\n", README, flags=re.DOTALL).group(1)
+    text = _run("cli.py", "init", "slope")
+    text = re.sub(r"contact_force_n = .*", "contact_force_n = 180.0", text)
+    text = re.sub(r"decay_rate_per_s = .*", "decay_rate_per_s = 10.0", text)
+    (tmp_path / "torn.toml").write_text(text, encoding="utf-8")
+    command = [sys.executable, "cli.py", "synthesize", str(tmp_path / "torn.toml")]
+    ran = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True)
+    assert ran.returncode == 3
+    said = ran.stdout[ran.stdout.index("contact-force and decay-rate exclude") :].partition("\n\n")[0]
+    _assert_same(shown, said)
+
+
 def test_every_command_shown_exists():
     listed = _run("cli.py", "--help")
     for line in _blocks("sh")[0].splitlines():

@@ -82,7 +82,12 @@ def test_without_tolerances_or_when_told_so_the_nominal_design_is_sought():
 
 
 def test_a_box_that_no_gains_can_hold_is_not_called_solved():
-    wide = replace(SUDDEN, tolerances=Tolerances(L=Spread(part=0.25), M=Spread(part=0.25)))
+    level = Required(level=140.0)  # the nominal body keeps 144 N at best
+    step = setting(load("slope-step").spec)
+    wide = replace(
+        step, required={**step.required, "contact-force": level},
+        tolerances=Tolerances(L=Spread(part=0.05), M=Spread(part=0.05)),
+    )  # fmt: skip
     answer = robust.solve(wide)
     assert answer.outcome.found is None
     assert "box" in answer.outcome.detail

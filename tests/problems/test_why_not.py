@@ -49,6 +49,7 @@ def test_a_relaxation_is_enough_and_a_little_less_is_not(why, id):
     assert not _solved(replace(TORN, required={**TORN.required, id: Required(level=enough * 1.003)}))
 
 
+@pytest.mark.slow
 def test_a_wider_bound_is_enough_and_a_little_less_is_not(why):
     enough = next(each.enough for each in why.relaxations if each.bound == "upper" and each.id == "kp")
     bounds = TORN.bounds.copy()
@@ -58,12 +59,14 @@ def test_a_wider_bound_is_enough_and_a_little_less_is_not(why):
     assert not _solved(replace(TORN, bounds=bounds))
 
 
+@pytest.mark.slow
 def test_one_requirement_out_of_reach_is_named_alone():
     found = whynot.solve(_with(contact_force=195.0))
     assert found.conflict == ("contact-force",)
     assert found.relaxations[0].enough == pytest.approx(190.99, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_lower_bound_that_stands_in_the_way_is_found():
     bounds = SLOPE.bounds.copy()
     bounds[2, 0] = 12.0

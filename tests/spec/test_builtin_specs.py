@@ -341,7 +341,9 @@ def test_strict_accepts_a_body_that_can_exist(poise):
 
 
 def test_a_name_that_is_no_built_in_is_refused_with_those_there_are():
-    with pytest.raises(BadInput, match=r"did you mean 'slope'\?; there are: adult-foot, adult-slope, slope"):
+    with pytest.raises(
+        BadInput, match=r"did you mean 'slope'\?; there are: adult-foot, adult-slope, everywhere, slope"
+    ):
         builtin_text("slop")
 
 

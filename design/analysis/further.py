@@ -78,7 +78,7 @@ def run_rows(
 
 def loop_rows(setting: Setting, loop: ClosedLoop, gains: Gains) -> list[Row]:
     """Loop margins, the sampling period, and the slope rate, of the linear loop."""
-    biped, kind = setting.biped, setting.law
+    biped, kind, gains = setting.biped, setting.law, setting.felt(gains)
     places: dict[Place, str] = {}
     for scenario in setting.scenarios:
         for place in loop_places(setting, scenario):

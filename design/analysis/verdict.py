@@ -7,7 +7,7 @@ requires nothing informs.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -26,6 +26,7 @@ from design.model.stability import (
     decay_rate,
     deciding_places,
     is_hurwitz,
+    polynomial_map,
     routh_hurwitz,
     shortest_adaptation,
 )
@@ -80,6 +81,7 @@ def judge(
 def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[Row]:
     """(27)-(29) and the decay rate, at the environment of ``scenario`` that is worst for each."""
     biped, kind, environments = setting.biped, setting.law, setting.places(scenario)
+    gains = setting.felt(gains)
     # between the environments looked at nothing is known, unless all depends on A alone
     basis: Basis = "exact" if setting.plain or kind == "pd" or len(environments) == 1 else "sampled"
     note = "" if all(place.A > 0 for place in environments) else NOTHING_STANDS
@@ -102,9 +104,7 @@ def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[R
     ]  # fmt: skip
     if math.isfinite(setting.adapt):
         rows.append(_adaptation_row(setting, scenario, gains, environments))
-    sigma = min(
-        decay_rate(characteristic(biped, kind, gains, A, load, setting.adapt, beta)) for A, load, beta in environments
-    )
+    sigma = min(decay_rate(p) for p in _polynomials(setting, scenario, gains, environments))
     required = setting.required.get("decay-rate", Required(level=0.0))
     met = sigma > 0 and sigma >= required.level
     rows.append(
@@ -115,6 +115,19 @@ def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[R
         )
     )  # fmt: skip
     return rows
+
+
+def _polynomials(
+    setting: Setting, scenario: Scenario, gains: Gains, places: Sequence[Place]
+) -> Iterator[Sequence[float]]:
+    """The characteristic polynomials over the scenario; a law that adapts may reckon with another body."""
+    if setting.known in (None, setting.biped) or not math.isfinite(setting.adapt):
+        for A, load, beta in places:
+            yield characteristic(setting.biped, setting.law, gains, A, load, setting.adapt, beta)
+        return
+    for F_x, F_y in np.unique(scenario.operating_forces(setting.biped), axis=1).T.tolist():
+        offset, slope = polynomial_map(setting.loop(), F_x, F_y)
+        yield tuple(float(c) for c in offset + slope @ np.array(gains))
 
 
 def _adaptation_row(setting: Setting, scenario: Scenario, gains: Gains, places: Sequence[Place]) -> Row:

@@ -66,6 +66,12 @@ class Setting:
         """The closed loop with the gains left open."""
         return closed_loop(self.biped, self.law, self.theta_d, self.adapt, self.known, self.target)
 
+    def felt(self, gains: Gains) -> Gains:
+        """The gains as they act on this body: law (20) has a factor (M + m) g of the body that it knows."""
+        if self.law != "cop" or self.known is None:
+            return gains
+        return gains._replace(K_f=gains.K_f * self.known.weight / self.biped.weight)
+
     def places(self, scenario: Scenario) -> list[Place]:
         """The environments of ``scenario`` that decide the linear stability of the loop."""
         F = scenario.operating_forces(self.biped)

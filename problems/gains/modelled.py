@@ -149,6 +149,7 @@ def values(question: Question, ids: Sequence[str], K: Array, step: float) -> Pie
 def _linear(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, list[Piece]]:
     world = each.world
     found: dict[str, list[Piece]] = {}
+    gains = world.felt(gains)
     where = (world.biped, world.law, gains, each.place.A, each.place.load, world.adapt, each.place.beta)
     if any(id in LOOP for id in ids):
         pieces = margin_pieces(*where)
@@ -165,13 +166,9 @@ def _linear(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, li
 
 def _gaps(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, list[Piece]]:
     """Near crossings of the rows that jump where |L| begins to cross 1."""
-    world = each.world
+    world, (A, load, beta) = each.world, each.place
     rows = [id for id in ids if id in LAGS]
-    at = (
-        breaks(world.biped, world.law, gains, each.place.A, each.place.load, world.adapt, each.place.beta)
-        if rows
-        else {}
-    )
+    at = breaks(world.biped, world.law, world.felt(gains), A, load, world.adapt, beta) if rows else {}
     found: dict[str, list[Piece]] = {}
     for id in rows:
         gaps = near_crossings(at[LAGS[id]]) if LAGS[id] in at else []

@@ -3,11 +3,13 @@
 import math
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
 from design.analysis.verdict import judge
 from design.model.environment import slope
+from design.model.laws import Gains
 from design.model.limits import Required
 from design.model.uncertainty import Spread, Tolerances
 from design.spec.load import load
@@ -101,3 +103,24 @@ def test_ten_thousand_bodies_in_four_scenarios():
     assert _broken(EVERYWHERE, found.gains, 10_000) == 0
     assert _broken(EVERYWHERE, found.box.nominal_gains, 10_000) > 0
     assert _broken(EVERYWHERE, EVERYWHERE.gains, 100) == 100  # the paper's own gains
+
+
+@pytest.mark.parametrize(("law", "adapt"), [("cop", math.inf), ("force", 0.3)])
+def test_the_decay_rate_of_another_body_is_that_of_its_own_loop(law, adapt):
+    """The law knows the nominal body; the loop itself is linearised at its own stationary state."""
+    problem = replace(EVERYWHERE.with_law(law), adapt=adapt)
+    gains = Gains(2500.0, 450.0, 1.2)
+    drawn = world(problem, (1.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0), "ramp")
+    loop, forces = drawn.loop(), drawn.scenarios[0].operating_forces(drawn.biped)
+    z, F = ca.SX.sym("z", loop.size), ca.SX.sym("F", 2)
+    rate = ca.Function("rate", [z, F], [loop.rate(z, F, ca.DM(gains))])
+    jacobian = ca.Function("jacobian", [z, F], [ca.jacobian(loop.rate(z, F, ca.DM(gains)), z)])
+    rates = []
+    for F_x, F_y in forces.T:
+        x = np.zeros(loop.size)
+        x[0] = -math.atan2(F_x, drawn.biped.M * drawn.biped.g - F_y)
+        for _ in range(40):
+            x = x - np.linalg.solve(jacobian(x, [F_x, F_y]).full(), rate(x, [F_x, F_y]).full().ravel())
+        rates.append(-np.linalg.eigvals(jacobian(x, [F_x, F_y]).full()).real.max())
+    row = next(row for row in judge(drawn, gains).rows if row.id == "decay-rate")
+    assert row.value == pytest.approx(min(rates), rel=1e-6)

@@ -11,7 +11,18 @@ from problems import gains as question
 
 SEARCH = runpy.run_path(str(Path(__file__).parents[1] / "problems" / "global_search.py"))
 
-CASES = [("slope", "contact-force", {}), ("slope", "decay-rate", {"contact_force": 180.0}), ("train", "cop-margin", {})]
+CASES = [
+    ("slope", "contact-force", {}),
+    ("slope", "decay-rate", {"contact_force": 180.0}),
+    ("train", "cop-margin", {}),
+    ("adult-slope", "contact-force", {}),
+    ("slope-step", "contact-force", {}),
+    ("wind", "contact-force", {}),
+    ("lean", "contact-force", {}),
+    ("gust", "decay-rate", {"contact_force": 250.0}),
+    ("slope", "step-slope", {}),
+    ("wind", "disk-margin", {}),
+]
 
 
 @pytest.mark.parametrize(("name", "objective", "levels"), CASES)

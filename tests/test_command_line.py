@@ -235,7 +235,6 @@ def test_a_bad_option_is_one_line_and_leaves_nothing_behind(arguments, words, po
         ("report", "slope", "--format", "xml"),
         ("report", "slope", "--gains"),
         ("simulate", "slope", "--format", "xml"),
-        ("synthesize", "slope", "--maximise", "height"),
         ("synthesize", "slope", "--starts", "0"),
         ("synthesize", "slope", "--starts", "many"),
         ("synthesize", "slope", "--time-limit", "0"),
@@ -251,6 +250,25 @@ def test_wrong_usage_is_answered_with_the_usage(arguments, poise, tmp_path):
     assert lines[-1].startswith("Error: ")
     assert "Traceback" not in ended.err
     assert snapshot(tmp_path) == {}
+
+
+@pytest.mark.parametrize(
+    ("wish", "said"),
+    [
+        (("--maximise", "height"), "decay-rate"),
+        (("--maximise", "torque"), "--minimise torque"),
+        (("--minimise", "push"), "--maximise push"),
+        (("--minimise", "goals"), "soft"),
+        (("--maximise", "push", "--minimise", "torque"), "exclude"),
+        (("--maximise", "push", "--global"), "--global"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
+)
+def test_a_wish_that_cannot_be_is_one_line(wish, said, poise):
+    ended = poise("synthesize", "slope", *wish)
+    assert (ended.code, ended.out) == (2, "")
+    assert said in ended.err.splitlines()[-1]
+    assert "Traceback" not in ended.err
 
 
 # Designs that cannot be used
@@ -543,7 +561,7 @@ def test_an_infeasible_requirement_is_named_and_exits_1(poise, tmp_path):
     assert ended.json["status"] == "infeasible"
     assert ended.json["verdict"] == "violated"
     assert ended.json["gains"] is None
-    assert ended.json["objective"] == {"id": "contact-force", "value": None, "unit": "N"}
+    assert ended.json["objective"] == {"id": "contact-force", "sense": "maximise", "value": None, "unit": "N"}
     assert "contact-force" in ended.json["reason"]
 
 

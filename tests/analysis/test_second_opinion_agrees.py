@@ -71,7 +71,7 @@ def test_both_agree_on_a_law_that_reckons_with_another_body(kind, adapt):
     real = Biped(M=51.0, L=0.76, I=7.2, m=0.2, ell=0.095)
     world = SCENARIOS["slope"](real)
     first = simulate(closed_loop(real, kind, THETA_D, adapt, PAPER), world, GAINS["paper"], STEP)
-    second = second_opinion(real, kind, THETA_D, GAINS["paper"], world, STEP, adapt, PAPER)
+    second = second_opinion(real, kind, THETA_D, GAINS["paper"], world, STEP, adapt, known=PAPER)
     assert _apart(first, second, real.weight) < 1e-6
     unaware = second_opinion(real, kind, THETA_D, GAINS["paper"], world, STEP, adapt)
     assert _apart(first, unaware, real.weight) > 1e-4

@@ -36,7 +36,6 @@ def _with(objective, **levels):
         _with("step-slope", contact_force=60.0),
         pytest.param(_with("torque-rate", decay_rate=4.0), marks=pytest.mark.slow),
         pytest.param(_with("push", contact_force=60.0), marks=pytest.mark.slow),
-        pytest.param(_with("sample-time", contact_force=150.0), marks=pytest.mark.slow),
         pytest.param(_with("overshoot", contact_force=100.0), marks=pytest.mark.slow),
         pytest.param(_with("gain-margin-down", contact_force=150.0, phase_margin=50.0), marks=pytest.mark.slow),
     ],

@@ -3,8 +3,8 @@
 A trust region, as in sequential quadratic programming (Conn, Gould and Toint, Trust-Region Methods, 2000), but with the
 sampled rows and the poles in the program as they are: only the modelled rows are approximated, to second order. Models
 of points that were tried and refused stay in the program until a point is accepted, if they do not cut off the best
-point: where a row has a kink, its other side is then known too. Of ``sample-time``, whose pieces are not told apart, the
-search can still end some tenths of a per cent short of a local optimum.
+point: where a row has a kink, its other side is then known too. Of ``sample-time``, whose pieces are not told apart,
+the search can still end some tenths of a per cent short of a local optimum.
 """
 
 from __future__ import annotations

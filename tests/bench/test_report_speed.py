@@ -40,7 +40,7 @@ def test_a_whole_report_and_where_its_time_goes(benchmark, capsys, tmp_path):
     verdict, judging = _timed(lambda: judge(problem, problem.gains, "all"))
     report = Report(source=source, setting=problem, gains=problem.gains, verdict=verdict)
     curves = loop_curves(problem, problem.gains)
-    _, runs = _timed(lambda: html.svg(plots.run_figure(verdict.trajectories, problem.biped.ell, "")))
+    _, runs = _timed(lambda: html.svg(plots.run_figure(verdict.trajectories, problem.biped, "")))
     _, loops = _timed(lambda: (html.svg(report_plots.loop_figure(curves)), html.svg(report_plots.locus_figure(curves))))
     _, pages = _timed(lambda: html.as_html(report))
     with capsys.disabled():

@@ -47,7 +47,9 @@ def synthesize(
     if search.nominal:
         problem = replace(problem, robust=False)
     if search.bracket:
-        _can_bracket(problem)
+        from problems import bound
+
+        bound.check(problem)
     with terminal.progress() as say:
         answer, bracket = _sought(problem, search, say)
     facts, lines = _told(bracket)
@@ -58,18 +60,6 @@ def synthesize(
         stored if form == "json" else synthesis.text(source, problem, answer, terminal.painter_for_output(), lines)
     )
     return printed, answer.outcome.status.word
-
-
-def _can_bracket(problem: Setting) -> None:
-    """Raise ``BadInput`` for what no bound is known of."""
-    from problems.bound import COVERED
-
-    if problem.objective not in COVERED:
-        message = f"knows bounds of {', '.join(COVERED)}, not of {problem.objective}; leave it out"
-        raise BadInput(message, key="--global")
-    if problem.robust and not problem.tolerances.none:
-        message = "is for the nominal body, and the spec has [uncertainty]; add --nominal"
-        raise BadInput(message, key="--global")
 
 
 def _told(bracket: Bracket | None) -> tuple[dict[str, Any] | None, list[str] | None]:

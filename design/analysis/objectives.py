@@ -67,6 +67,6 @@ OBJECTIVES = _table(
 """By id."""
 
 
-def excess(objective: Objective, value: float, level: float, size: float) -> float:
+def shortfall(objective: Objective, value: float, level: float, size: float) -> float:
     """A requirement as a number that is below 1 where it is met."""
     return 1.0 - objective.sign * (value - level) / size

@@ -36,6 +36,11 @@ class Row:
     note: str = ""
 
     @property
+    def title(self) -> str:
+        """The row and its scenario, in words."""
+        return self.id + (f" in scenario {self.scenario!r}" if self.scenario else "")
+
+    @property
     def counts(self) -> bool:
         """Whether the verdict depends on this row."""
         return self.required is not None and not self.soft

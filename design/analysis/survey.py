@@ -1,8 +1,8 @@
 """A quick look over the whole box of gains: where it is feasible, and where the objective is good.
 
-Quasi-random points (an additive recurrence by the generalised golden ratio, Roberts 2018), half of them spread linearly
-and half logarithmically, each judged on a coarse time grid. From the best of them that lie apart an optimiser starts;
-nothing else is concluded from a survey.
+Points of low discrepancy (``design.analysis.spread``), half of them spread linearly and half logarithmically, each
+judged on a coarse time grid. From the best of them that lie apart an optimiser starts; nothing else is concluded from a
+survey.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+
+from design.analysis.spread import in_cube
 
 Array = NDArray[np.float64]
 
@@ -21,8 +23,7 @@ DECADES = 4.0
 def candidates(lower: Array, upper: Array, count: int) -> Array:
     """``count`` points (count, n) in the box ``lower``, ``upper`` (n,), the same ones at every call."""
     free = upper > lower
-    golden = float(np.roots([1.0, *[0.0] * (lower.size - 1), -1.0, -1.0]).real.max())  # x^(n+1) = x + 1
-    cube = np.mod(0.5 + np.outer(np.arange(1, count + 1), golden ** -np.arange(1.0, lower.size + 1)), 1.0)
+    cube = in_cube(count, lower.size)
     linear = lower + cube * (upper - lower)
     floor = np.maximum(lower, upper * 10.0**-DECADES)
     with np.errstate(all="ignore"):

@@ -113,13 +113,15 @@ class Relaxation:
 
 @dataclass(frozen=True, kw_only=True)
 class WhyNot:
-    """``conflict``: requirements of which no two parts can be met at once; empty where none was asked beyond contact.
+    """``conflict``: requirements that cannot be met together, while they can without any one of them.
 
-    ``minimal`` is False where time ran out. ``relaxations``: each alone is enough.
+    Empty where contact and stability alone are out of reach. Not ``minimal`` where time ran out before it was found,
+    not ``complete`` where it ran out before all ``relaxations`` were; each of these alone is enough.
     """
 
     conflict: tuple[str, ...]
     minimal: bool
+    complete: bool
     relaxations: tuple[Relaxation, ...]
 
 

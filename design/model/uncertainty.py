@@ -41,9 +41,14 @@ class Tolerances:
         )
 
     @property
+    def moving(self) -> list[int]:
+        """Which of the seven numbers are uncertain."""
+        return [k for k, field in enumerate(fields(self)) if getattr(self, field.name) != Spread()]
+
+    @property
     def none(self) -> bool:
         """Whether everything is as the nominal numbers say."""
-        return all(getattr(self, field.name) == Spread() for field in fields(self))
+        return not self.moving
 
     def drawn(self, biped: Biped, scenario: Scenario, shares: Sequence[float]) -> tuple[Biped, Scenario]:
         """The body and the world at ``shares`` (7), each from -1 to 1, of the half-widths."""

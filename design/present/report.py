@@ -10,6 +10,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from design.analysis.objectives import OBJECTIVES
 from design.analysis.rows import Row, RowStatus, Verdict
 from design.errors import BadInput
 from design.model.laws import Gains
@@ -197,9 +198,6 @@ def render(
     return {"md": as_markdown, "junit": as_junit}[form](one) if form != "text" else as_text(one, paint)
 
 
-LESS_IS_BETTER = {"torque", "torque-rate", "friction", "settling", "overshoot", "posture-error", "gain-margin-down"}
-
-
 def _better(row: Row, other: Row | None) -> int:
     """1 if ``row`` is the better one by more than rounding, -1 if the ``other``, else 0."""
     if other is None or row.value is None or other.value is None:
@@ -209,4 +207,5 @@ def _better(row: Row, other: Row | None) -> int:
         difference = row.margin - other.margin
     if abs(difference) <= 1e-6 * max(abs(row.value), abs(other.value)):
         return 0
-    return int((difference > 0) != (row.id in LESS_IS_BETTER)) * 2 - 1
+    less_is_better = row.id in OBJECTIVES and OBJECTIVES[row.id].sense == "at most"
+    return int((difference > 0) != less_is_better) * 2 - 1

@@ -185,6 +185,7 @@ def _why(why: WhyNot) -> dict[str, Any]:
     return {
         "conflict": list(why.conflict),
         "minimal": why.minimal,
+        "complete": why.complete,
         "relaxations": [
             {"id": each.id, "bound": each.bound or None, "given": each.given, "enough": each.enough, "unit": each.unit}
             for each in why.relaxations
@@ -195,15 +196,18 @@ def _why(why: WhyNot) -> dict[str, Any]:
 def _why_lines(why: WhyNot) -> list[str]:
     """The conflict, and what would be enough."""
     names = " and ".join(why.conflict)
-    small = "" if why.minimal else " (not shown to be the smallest such set: time limit)"
+    if not why.minimal:
+        return wrapped(f"Time ran out before it was found which of {names} exclude each other; give it more time.")
     if len(why.conflict) > 1:
-        lines = wrapped(f"{names} exclude each other{small}: each can be met without one of the others.")
+        lines = wrapped(f"{names} exclude each other: each can be met without one of the others.")
     elif why.conflict:
-        lines = wrapped(f"{names} alone is out of reach{small}.")
+        lines = wrapped(f"{names} alone is out of reach.")
     else:
         lines = wrapped("Contact and stability alone are out of reach, in these scenarios and within these bounds.")
     if why.relaxations:
         lines += ["Enough would be any one of:", *(f"  {each}" for each in why.relaxations)]
-    else:
+    if not why.complete:
+        lines.append("Time ran out before all that might be enough was looked at.")
+    elif not why.relaxations:
         lines.append("No single relaxation was found that would be enough.")
     return lines

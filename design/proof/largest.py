@@ -10,14 +10,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from itertools import product
-
-import numpy as np
+from dataclasses import dataclass
 
 from design.analysis.many import least_forces
+from design.analysis.spread import in_box
 from design.model.laws import Gains
-from design.model.uncertainty import Spread, Tolerances
 from design.proof.box import levels, prove
 from design.spec.setting import Setting
 
@@ -95,15 +92,12 @@ def _end(holds: Callable[[float], bool], most: float, least: float = 0.0) -> flo
 
 def _unbroken(setting: Setting, gains: Gains, name: str, say: Callable[[str], None]) -> tuple[float, bool]:
     scenario = setting.scenario(name)
-    moving = [k for k, field in enumerate(fields(Tolerances)) if getattr(setting.tolerances, field.name) != Spread()]
-    corners = np.zeros((2 ** len(moving), 7))
-    corners[:, moving] = list(product((-1.0, 1.0), repeat=len(moving)))
-    points = np.vstack([corners, _spread(INSIDE, moving)])
+    points = in_box(setting.tolerances, INSIDE)
     level = levels(setting)["toe-force"]
 
     def holds(scale: float) -> bool:
         say(f"{name}: trying to break {scale:.3g} times the box")
-        tolerances = scaled(setting.tolerances, scale)
+        tolerances = setting.tolerances.scaled(scale)
         values = (setting.biped.M, setting.biped.L, setting.biped.I, setting.biped.ell)
         widths = [
             getattr(tolerances, key).around(value, 1.0) - value
@@ -123,27 +117,3 @@ def _unbroken(setting: Setting, gains: Gains, name: str, say: Callable[[str], No
         if high > LARGEST:
             return LARGEST, True
     return low + _end(lambda more: holds(low + more), high - low), False
-
-
-def _spread(count: int, moving: list[int]) -> np.ndarray:
-    """Points in [-1, 1] along ``moving``, the others 0: the additive sequence of the generalised golden ratio."""
-    d = len(moving)
-    ratio = 2.0
-    for _ in range(60):
-        ratio = (1 + ratio) ** (1 / (d + 1))
-    steps = ratio ** -np.arange(1.0, d + 1)
-    points = np.zeros((count, 7))
-    points[:, moving] = 2 * ((0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0) - 1
-    return points
-
-
-def scaled(tolerances: Tolerances, scale: float) -> Tolerances:
-    """``scale`` times as wide."""
-    return replace(
-        tolerances,
-        **{
-            field.name: Spread(absolute=scale * spread.absolute, part=scale * spread.part)
-            for field in fields(tolerances)
-            for spread in [getattr(tolerances, field.name)]
-        },
-    )

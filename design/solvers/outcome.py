@@ -25,10 +25,6 @@ class Status(Enum):
         "The independent check does not confirm what the solver found, and the check wins; a finer time step often"
         " settles it."
     )
-    UNMET = (
-        "The best gains for what synthesis optimises break a requirement that it only checks; change the bounds or the"
-        " other requirements so that it is met, or make it soft."
-    )
     TIME_LIMIT = "The time limit came first."
 
     @property

@@ -171,7 +171,7 @@ def setting(spec: Spec) -> Setting:
         step=spec.simulation.time_step_s,
         tuning=_tuning(spec.mpc),
         sensors=_sensors(spec.noise),
-        tolerances=_tolerances(spec.uncertainty),
+        tolerances=_tolerances(spec.uncertainty, biped),
         study=spec.study,
     )
 
@@ -252,12 +252,21 @@ def _sensors(table: NoiseTable) -> Sensors:
     )  # fmt: skip
 
 
-def _tolerances(table: UncertaintyTable) -> Tolerances:
+def _tolerances(table: UncertaintyTable, biped: Biped) -> Tolerances:
     def spread(tolerance: Tolerance, unit: float = 1.0) -> Spread:
         return Spread(absolute=unit * (tolerance.absolute or 0.0), part=(tolerance.percent or 0.0) / 100)
 
-    return Tolerances(
+    found = Tolerances(
         M=spread(table.mass_kg), L=spread(table.com_height_m), I=spread(table.inertia_kgm2),
         m=spread(table.foot_mass_kg), ell=spread(table.half_length_m),
         slope=spread(table.slope_deg, math.radians(1.0)), ramp=spread(table.ramp_s),
     )  # fmt: skip
+    for name, key in (("M", "mass_kg"), ("L", "com_height_m"), ("I", "inertia_kgm2"), ("ell", "half_length_m")):
+        least = getattr(found, name).around(getattr(biped, name), -1.0)
+        if not least > 0:
+            message = f"leaves {least:g} of {getattr(biped, name):g}; needs a tolerance less than that"
+            raise BadInput(message, key=f"uncertainty.{key}")
+    if found.m.around(biped.m, -1.0) < 0:
+        message = f"is more than the mass itself, {biped.m:g}; needs at most that"
+        raise BadInput(message, key="uncertainty.foot_mass_kg")
+    return found

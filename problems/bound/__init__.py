@@ -25,6 +25,6 @@ second search for gains, too: what is better than the value found is polished by
 """
 
 from problems.bound.bracket import COVERED, Bracket, facts, lines
-from problems.bound.search import bracket
+from problems.bound.search import bracket, check
 
-__all__ = ["COVERED", "Bracket", "bracket", "facts", "lines"]
+__all__ = ["COVERED", "Bracket", "bracket", "check", "facts", "lines"]

@@ -30,17 +30,25 @@ POLISHED = 4
 """How often a better point is polished, at most."""
 
 
+def check(setting: Setting) -> None:
+    """Raise ``BadInput`` for what no bound is known of."""
+    if setting.objective not in COVERED:
+        message = f"does not cover {setting.objective}; it bounds {', '.join(COVERED)}"
+        raise BadInput(message, key="--global")
+    if setting.robust and not setting.tolerances.none:
+        message = "is for the nominal body, and the spec has [uncertainty]; add --nominal"
+        raise BadInput(message, key="--global")
+
+
 def bracket(
     setting: Setting, synthesis: Synthesis, *, seconds: float = 60.0, gap: float = 1e-3, say: Say = lambda _: None
 ) -> Bracket:
     """Bracket the best value of ``setting``'s objective, of which ``synthesis`` is thought to be the optimum.
 
-    Ends when nothing can be better by more than ``gap`` (relative), or after ``seconds``. Only the nominal body counts.
-    Raises ``BadInput`` for an objective that is not ``COVERED``.
+    Ends when nothing can be better by more than ``gap`` (relative), or after ``seconds``. Raises ``BadInput``: see
+    ``check``.
     """
-    if setting.objective not in COVERED:
-        message = f"does not cover {setting.objective}; it bounds {', '.join(COVERED)}"
-        raise BadInput(message, key="--global")
+    check(setting)
     begun = time.monotonic()
     question = Question(setting)
     goal = question.goal(setting.objective)

@@ -79,14 +79,6 @@ def check(problem: Setting) -> None:
     if abs(periods - round(periods)) > 1e-6:
         message = f"is {problem.sensors.delay:g}; needs a multiple of study.control_period_s = {period:g}"
         raise BadInput(message, key="noise.delay_s")
-    for name, key in (("M", "mass_kg"), ("L", "com_height_m"), ("I", "inertia_kgm2"), ("ell", "half_length_m")):
-        least = getattr(problem.tolerances, name).around(getattr(problem.biped, name), -1.0)
-        if not least > 0:
-            message = f"leaves {least:g} of {getattr(problem.biped, name):g}; needs a tolerance less than that"
-            raise BadInput(message, key=f"uncertainty.{key}")
-    if problem.tolerances.m.around(problem.biped.m, -1.0) < 0:
-        message = f"is more than the mass itself, {problem.biped.m:g}; needs at most that"
-        raise BadInput(message, key="uncertainty.foot_mass_kg")
     for scenario in problem.scenarios:
         if scenario.duration < period:
             message = (

@@ -51,9 +51,7 @@ def checked(grid: Grid, winner: Local, tried: int, reached: int, optima: int) ->
         doubt = doubt or f"{goal.id}: the program claims {claim:.8g}, the report gives {value:.8g} {goal.unit}."
     broken = [row for row in verdict.rows if row.counts and row.status != "met"]
     if broken:
-        row = broken[0]
-        place = f" in scenario {row.scenario!r}" if row.scenario else ""
-        doubt = doubt or f"{row.id}{place} is {row.status}. {row.note}".strip()
+        doubt = doubt or f"{broken[0].title} is {broken[0].status}. {broken[0].note}".strip()
     if doubt:
         return Answer(outcome=Outcome(status=Status.DISAGREEMENT, detail=doubt), missed=verdict.rows, starts=tried)
     setting = question.setting
@@ -76,8 +74,7 @@ def _beside(question: Question, goal: Goal, gains: Gains) -> tuple[float, str]:
         worst = min(worst, value) if goal.sign > 0 else max(worst, value)
         for row in verdict.rows:
             if row.counts and row.status != "met" and not broken:
-                place = f" in scenario {row.scenario!r}" if row.scenario else ""
-                broken = f"{row.id}{place} is {row.status} by {row.margin} {row.unit} for another body of the box."
+                broken = f"{row.title} is {row.status} by {row.margin} {row.unit} for another body of the box."
     return float(worst), broken
 
 

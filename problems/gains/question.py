@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.analysis.motion import Sized
-from design.analysis.objectives import OBJECTIVES
+from design.analysis.objectives import OBJECTIVES, shortfall
 from design.analysis.rows import Verdict
 from design.analysis.survival import HORIZON, lopsided, push_limit, slope_limit
 from design.errors import BadInput
@@ -185,7 +185,7 @@ class Question:
             return min(float(slack) for each in self.environments for slack in each.slacks(gains))
         bad = goal.sign * -np.inf
         if goal.id == "goals":
-            return max((self._excess(row.id, row.value) for row in verdict.rows if self._soft(row.id)), default=bad)
+            return max((self._shortfall(row.id, row.value) for row in verdict.rows if self._soft(row.id)), default=bad)
         ids = goal.limits or (goal.id,)
         values = [bad if row.value is None else row.value for row in verdict.rows if row.id in ids]
         return bad if not values else float(min(values) if goal.sign > 0 else max(values))
@@ -193,12 +193,12 @@ class Question:
     def _soft(self, id: str) -> bool:
         return self.wish("contact-force" if id in ("toe-force", "heel-force") else id) is not None
 
-    def _excess(self, row: str, value: float | None) -> float:
+    def _shortfall(self, row: str, value: float | None) -> float:
         id = "contact-force" if row in ("toe-force", "heel-force") else row
         level = self.wish(id)
         if value is None or level is None:
             return np.inf
-        return 1.0 - OBJECTIVES[id].sign * (value - level) / self.size_of(id)
+        return shortfall(OBJECTIVES[id], value, level, self.size_of(id))
 
 
 def _bounds(setting: Setting) -> tuple[Array, Array]:

@@ -164,10 +164,10 @@ def _miss(missed: tuple[Row, ...]) -> str:
     parts = []
     for row in missed:
         if row.value is None or row.margin is None:
-            parts.append(f"{row.id} in scenario {row.scenario!r}: {row.note}")
+            parts.append(f"{row.title}: {row.note}")
         else:
+            unit = "" if row.unit == "1" else f" {row.unit}"
             parts.append(
-                f"{row.id} in scenario {row.scenario!r} reaches {row.value:.6g} {row.unit} of {row.required:.6g}"
-                f" (misses by {-row.margin:.4g})"
+                f"{row.title} reaches {row.value:.6g}{unit} of {row.required:.6g} (misses by {-row.margin:.4g})"
             )
     return "At the point that misses by least, " + "; ".join(parts) + "."

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from design.analysis.spread import in_box
 from design.analysis.synthesis import Answer, Box, BoxPoint
 from design.model.laws import Gains
 from design.proof.box import prove
@@ -18,7 +19,7 @@ from problems import gains as nominal
 from problems.gains.goal import Goal
 from problems.gains.grid import Point
 from problems.gains.question import Question
-from problems.robust.worst import Weak, named, runs, sampled_margins, spread, weakest, world
+from problems.robust.worst import INSIDE, Weak, named, runs, sampled_margins, weakest, world
 
 Say = Callable[[str], None]
 
@@ -89,7 +90,7 @@ def _over_the_box(setting: Setting, answer: Answer, points: list[Weak]) -> Answe
 
 def _box_points(setting: Setting, points: list[Weak]) -> tuple[BoxPoint, ...]:
     return tuple(
-        BoxPoint(row=each.id, scenario=each.scenario, shares=each.shares, at=named(setting.biped, setting, each.shares))
+        BoxPoint(row=each.id, scenario=each.scenario, shares=each.shares, at=named(setting, each.shares))
         for each in points
     )
 
@@ -101,8 +102,8 @@ def _finished(
     """The answer with what is known of it over the box."""
     setting, found, alone = question.setting, answer.outcome.value, first.outcome.value
     say(f"trying {TRIED} bodies and worlds")
-    shares = np.vstack([spread(setting.tolerances), [list(each.shares) for each in points] or np.zeros((0, 7))])
-    shares = np.vstack([shares, spread(setting.tolerances, TRIED)[-TRIED:]])
+    shares = np.vstack([in_box(setting.tolerances, INSIDE), *[list(each.shares) for each in points]])
+    shares = np.vstack([shares, in_box(setting.tolerances, TRIED)[-TRIED:]])
     lost, worst = _tried(question, goal, found.gains, goal.v(found.value), shares)
     if lost:
         said = f"{lost} of {len(shares)} bodies and worlds of the box break it, by up to {-worst:.2g} of a row's scale."

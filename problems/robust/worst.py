@@ -9,15 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.analysis.many import Extremes, extremes
+from design.analysis.spread import in_box
 from design.analysis.survival import HORIZON, push, step_slope
-from design.model.body import Biped
 from design.model.environment import Scenario, slope
 from design.model.laws import Gains
 from design.model.uncertainty import Spread, Tolerances
@@ -53,7 +51,7 @@ class Weak:
 def weakest(question: Question, goal: Goal, gains: Gains, v: float, step: float) -> list[Weak]:
     """The worst point of the box for every row that is required or claimed, in every scenario; worst first."""
     setting = question.setting
-    points = spread(setting.tolerances)
+    points = in_box(setting.tolerances, INSIDE)
     found = [
         weak for scenario in setting.scenarios for weak in _along(question, goal, v, scenario, gains, points, step)
     ]
@@ -68,25 +66,6 @@ def world(setting: Setting, shares: Sequence[float], scenario: str | None = None
     chosen = [each for each in setting.scenarios if scenario is None or each.name == scenario]
     drawn = [setting.tolerances.drawn(setting.biped, each, shares) for each in chosen]
     return replace(setting, biped=drawn[0][0], scenarios=tuple(its for _, its in drawn), known=setting.biped)
-
-
-@lru_cache(maxsize=8)
-def spread(tolerances: Tolerances, inside: int = INSIDE) -> Array:
-    """The centre, the corners, and ``inside`` points of low discrepancy, (N, 7); what is exactly known stays 0."""
-    free = moving(tolerances)
-    corners = np.zeros((2 ** len(free), 7))
-    corners[:, free] = list(product((-1.0, 1.0), repeat=len(free)))
-    golden = float(np.roots([1.0, *[0.0] * (len(free) - 1), -1.0, -1.0]).real.max()) if free else 2.0
-    within = np.zeros((inside, 7))
-    within[:, free] = (
-        2 * np.mod(0.5 + np.outer(np.arange(1, inside + 1), golden ** -np.arange(1.0, len(free) + 1)), 1) - 1
-    )
-    return np.vstack([np.zeros((1, 7)), corners, within])
-
-
-def moving(tolerances: Tolerances) -> list[int]:
-    """Which of the seven numbers of the box are uncertain."""
-    return [k for k, field in enumerate(fields(Tolerances)) if getattr(tolerances, field.name) != Spread()]
 
 
 def runs(
@@ -143,7 +122,7 @@ def downhill(
     margins: Callable[[Array], Array], at: Array, margin: float, tolerances: Tolerances
 ) -> tuple[Array, float]:
     """A worse point near ``at``: steps along the measured slope, inside the box."""
-    free = moving(tolerances)
+    free = tolerances.moving
     reach = 0.25
     for _ in range(STEPS):
         offsets = np.zeros((2 * len(free), 7))
@@ -223,7 +202,7 @@ def _survivals(question: Question, goal: Goal, gains: Gains, v: float, points: A
 
             first = margins(points)
             at, margin = points[int(np.argmin(first))], float(first.min())
-            if margin < CLOSE and moving(bare.tolerances):
+            if margin < CLOSE and bare.tolerances.moving:
                 at, margin = downhill(margins, at, margin, bare.tolerances)
         else:
             find = step_slope if kind == "step-slope" else push
@@ -266,16 +245,16 @@ def _modelled(question: Question, goal: Goal, gains: Gains, v: float, points: Ar
     return list(worst.values())
 
 
-def named(biped: Biped, setting: Setting, shares: Sequence[float]) -> dict[str, float]:
+def named(setting: Setting, shares: Sequence[float]) -> dict[str, float]:
     """The uncertain numbers of a point of the box, by their keys in the spec, in its units."""
     keys = ("mass_kg", "com_height_m", "inertia_kgm2", "foot_mass_kg", "half_length_m", "slope_deg", "ramp_s")
     found = {}
-    for k in moving(setting.tolerances):
+    for k in setting.tolerances.moving:
         name = fields(Tolerances)[k].name
         its: Spread = getattr(setting.tolerances, name)
         if name in ("slope", "ramp"):
             unit = 180 / math.pi if name == "slope" else 1.0
             found[keys[k]] = unit * shares[k] * (its.absolute or its.part)
         else:
-            found[keys[k]] = its.around(getattr(biped, name), shares[k])
+            found[keys[k]] = its.around(getattr(setting.biped, name), shares[k])
     return found

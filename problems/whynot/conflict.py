@@ -35,14 +35,14 @@ def solve(
     """Say why ``setting``, known to be infeasible, cannot be met, also by the bodies ``beside`` it."""
     deadline = time.monotonic() + seconds
     asked = [id for id, wish in setting.required.items() if not wish.soft and _binds(id, wish)]
-    conflict, minimal = list(asked), True
+    conflict = list(asked)
     for id in asked:
-        if time.monotonic() > deadline:
-            minimal = False
-            break
         rest = [other for other in conflict if other != id]
         say(f"without {id}, as it is")
-        if not feasible(_only(setting, rest), beside, deadline):
+        met = feasible(_only(setting, rest), beside, deadline)
+        if time.monotonic() > deadline:  # then not to have found a point means nothing
+            return WhyNot(conflict=tuple(conflict), minimal=False, complete=False, relaxations=())
+        if not met:
             conflict = rest
     relaxations = []
     for id in conflict:
@@ -55,7 +55,8 @@ def solve(
         found = _wider(setting, name, beside, deadline)
         if found is not None:
             relaxations.append(found)
-    return WhyNot(conflict=tuple(conflict), minimal=minimal, relaxations=tuple(relaxations))
+    complete = time.monotonic() <= deadline
+    return WhyNot(conflict=tuple(conflict), minimal=True, complete=complete, relaxations=tuple(relaxations))
 
 
 def _binds(id: str, wish: Required) -> bool:

@@ -16,7 +16,7 @@ from design.spec.load import load
 from design.spec.setting import setting
 from problems import robust
 from problems.gains import Question
-from problems.robust.worst import moving, runs, sampled_margins, world
+from problems.robust.worst import runs, sampled_margins, world
 
 EVERYWHERE = setting(load("everywhere").spec)
 SUDDEN = replace(
@@ -30,7 +30,7 @@ SUDDEN = replace(
 def _broken(problem, gains, count, seed=0):
     """How many of ``count`` random bodies of the box lose what is required, in any scenario."""
     shares = np.zeros((count, 7))
-    free = moving(problem.tolerances)
+    free = problem.tolerances.moving
     shares[:, free] = np.random.default_rng(seed).uniform(-1, 1, (count, len(free)))
     level = problem.required["contact-force"].level
     kept = np.ones(count, dtype=bool)
@@ -68,7 +68,7 @@ def test_the_worst_point_is_worse_than_random_ones(sudden):
     v = goal.v(sudden.value)
     worst = {weak.id: weak.margin for weak in robust.weakest(question, goal, sudden.gains, v, 0.01)}
     shares = np.zeros((500, 7))
-    free = moving(SUDDEN.tolerances)
+    free = SUDDEN.tolerances.moving
     shares[:, free] = np.random.default_rng(3).uniform(-1, 1, (500, len(free)))
     random = sampled_margins(question, goal, v, runs(SUDDEN, SUDDEN.scenarios[0], sudden.gains, shares, 0.01))
     for id, margins in random.items():

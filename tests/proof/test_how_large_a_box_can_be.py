@@ -13,7 +13,7 @@ from design.model.environment import constant_force, platform, profile, slope
 from design.model.laws import Gains
 from design.model.uncertainty import Spread, Tolerances
 from design.proof.box import prove
-from design.proof.largest import largest, scaled
+from design.proof.largest import largest
 from design.spec.load import load
 from design.spec.setting import setting
 
@@ -67,7 +67,7 @@ def test_what_is_proved_lies_below_what_is_broken():
     assert 0 < found.proved <= found.unbroken
     assert not found.beyond
     assert prove(step, CALM, "w", scale=0.99 * found.proved).answer == "proved"
-    broken = scaled(step.tolerances, 1.1 * found.unbroken)
+    broken = step.tolerances.scaled(1.1 * found.unbroken)
     corners = [[0, a, 0, 0, 0, b, 0] for a in (-1, 1) for b in (-1, 1)]
     toe, heel = least_forces(BODY, "force", CALM, step.scenarios[0], broken, corners, step=1e-3)
     assert min(toe.min(), heel.min()) < 0

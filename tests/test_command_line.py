@@ -225,6 +225,26 @@ def test_a_bad_option_is_one_line_and_leaves_nothing_behind(arguments, words, po
 
 
 @pytest.mark.parametrize(
+    "command",
+    [
+        ("report",),
+        ("synthesize",),
+        ("simulate",),
+        ("study",),
+        ("trials",),
+        ("prove",),
+        ("tradeoff", "--between", "contact-force", "decay-rate"),
+    ],
+    ids=lambda command: command[0],
+)
+def test_a_box_that_leaves_no_body_is_one_line_of_every_command(command, poise, tmp_path):
+    (tmp_path / "thin.toml").write_text(SLOPE + "\n[uncertainty]\nmass_kg = 60.0\n", encoding="utf-8")
+    before = snapshot(tmp_path)
+    assert_refused(poise(command[0], "thin.toml", *command[1:]), "uncertainty.mass_kg", "-10 of 50", "less than that")
+    assert snapshot(tmp_path) == before
+
+
+@pytest.mark.parametrize(
     "arguments",
     [
         ("nosuch",),

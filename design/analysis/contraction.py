@@ -33,9 +33,9 @@ from design.analysis.leftover import factor, factors, iteration, stays_below
 from design.analysis.simulate import simulate
 from design.analysis.survival import slope_limit
 from design.model.body import Biped
+from design.model.deciding import bearing
 from design.model.environment import Scenario, constant_force
 from design.model.laws import Gains, LawKind
-from design.model.stability import bearing
 from design.spec.setting import Setting
 
 Array = NDArray[np.float64]

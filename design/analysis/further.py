@@ -18,11 +18,12 @@ from design.analysis.slope_rate import peak_gain
 from design.analysis.survival import Survival, push, step_slope
 from design.analysis.transient import torque_rate, transient
 from design.model.closed_loop import ClosedLoop
+from design.model.deciding import bearing
 from design.model.environment import Scenario
 from design.model.laws import Gains
 from design.model.limits import Required
-from design.model.margins import LoopMargins, longest_period, loop_margins
-from design.model.stability import bearing
+from design.model.margins import LoopMargins, loop_margins
+from design.model.sampling import longest_period
 from design.model.standing import Place
 from design.spec.setting import Setting
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,81 +60,145 @@ def extremes(
     The law has ``theta_d`` [rad], P_d = ``target`` [m], adapts within ``adapt`` [s], and knows the body ``known``, or
     else ``biped``. An ``impulse`` [N s] at the centre of gravity comes before the start.
     """
-    believed = known or biped
     shares = np.asarray(shares, dtype=float)
-
-    def at(spread: Spread, value: float, column: int) -> Array:
-        return np.asarray(value + shares[:, column] * (spread.absolute + spread.part * abs(value)))
-
-    M, L, I, m, ell = (
-        at(getattr(tolerances, name), getattr(biped, name), k) for k, name in enumerate(("M", "L", "I", "m", "ell"))
-    )
-    g, skew, height = biped.g, biped.skew, biped.height
-    final = float(scenario.signal[0, -1])
-    world = _world(scenario, M, g, at(tolerances.slope, final, 5), at(tolerances.ramp, float(scenario.times[-1]), 6))
-    adapts = math.isfinite(adapt)
-
-    def seen(z: State, F: tuple[Array, Array]) -> tuple[Array, ...]:
-        """tau, theta'', F_T, F_H, the load, and the ground's horizontal force."""
-        theta, omega, s = z[:3]
-        aim = desired(believed, adapt, z[3], omega) if adapts else theta_d
-        tau = torque_of(kind, believed, aim, theta, omega, s, gains)
-        sine, cosine = np.sin(theta), np.cos(theta)
-        turning = ((M * g - F[1]) * L * sine + F[0] * L * cosine + tau) / I
-        load = M * (g - L * (turning * sine + omega**2 * cosine)) - F[1] + m * g
-        shear = M * L * (turning * cosine - omega**2 * sine) - F[0]
-        turn = tau - ell * skew * m * g + height * shear  # l_H F_H - l_T F_T
-        return tau, turning, 0.5 * ((1 - skew) * load - turn / ell), 0.5 * ((1 + skew) * load + turn / ell), load, shear
-
-    def flow(z: State, found: tuple[Array, ...]) -> State:
-        _, turning, F_T, F_H, *_ = found
-        rate = gathered(kind, believed, F_T, F_H, target)
-        if not adapts:
-            return z[1], turning, rate
-        return z[1], turning, rate, followed(believed, adapt, desired(believed, adapt, z[3], z[1]), z[0], rate)
-
+    law = _Law(kind=kind, gains=gains, body=known or biped, theta_d=theta_d, target=target, adapt=adapt)
+    bodies = _bodies(biped, tolerances, shares)
+    final = _spread(tolerances.slope, float(scenario.signal[0, -1]), shares[:, 5])
+    ramp = _spread(tolerances.ramp, float(scenario.times[-1]), shares[:, 6])
+    world = _world(scenario, bodies.M, biped.g, final, ramp)
     n = len(shares)
-    omega0 = scenario.omega0 + impulse * L / I
+    omega0 = scenario.omega0 + impulse * bodies.L / bodies.I
     z: State = (np.full(n, scenario.theta0), omega0, np.zeros(n))
-    if adapts:
-        z = (*z, theta_d + swing(believed, adapt) * omega0)
-    toe, heel, cop = (np.full(n, np.inf) for _ in range(3))
-    torque, friction = np.zeros(n), np.zeros(n)
-
-    def note(found: tuple[Array, ...]) -> None:
-        tau, _, F_T, F_H, load, shear = found
-        np.fmin(toe, F_T, out=toe)
-        np.fmin(heel, F_H, out=heel)
-        P = ((1 + skew) * F_T - (1 - skew) * F_H) * ell / load
-        np.fmin(cop, np.minimum((1 + skew) * ell - P, (1 - skew) * ell + P), out=cop)
-        np.fmax(torque, np.abs(tau), out=torque)
-        np.fmax(friction, np.abs(shear) / load, out=friction)
-
-    steps = scenario.steps(step)
+    if law.adapts:
+        z = (*z, theta_d + swing(law.body, adapt) * omega0)
+    worst = _Worst(bodies)
     fallen = np.zeros(n, dtype=bool)
+    steps = scenario.steps(step)
     with np.errstate(all="ignore"):
         for t, h in zip(steps.t[:-1].tolist(), steps.h.tolist(), strict=True):
             if h == 0:
                 continue
             F = [world(t, t + 0.5 * h), world(t + 0.5 * h, t + 0.5 * h), world(t + h, t + 0.5 * h)]
-            first = seen(z, F[0])
-            note(first)
-            k1 = flow(z, first)
-            k2 = flow(at_2 := _moved(z, k1, 0.5 * h), seen(at_2, F[1]))
-            k3 = flow(at_3 := _moved(z, k2, 0.5 * h), seen(at_3, F[1]))
-            k4 = flow(at_4 := _moved(z, k3, h), seen(at_4, F[2]))
+            first = bodies.seen(law, z, F[0])
+            worst.note(first)
+            k1 = law.flow(z, first)
+            k2 = law.flow(at_2 := _moved(z, k1, 0.5 * h), bodies.seen(law, at_2, F[1]))
+            k3 = law.flow(at_3 := _moved(z, k2, 0.5 * h), bodies.seen(law, at_3, F[1]))
+            k4 = law.flow(at_4 := _moved(z, k3, h), bodies.seen(law, at_4, F[2]))
             z = _moved(z, tuple((a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)), h)
-            note(seen(z, F[2]))  # a jump may follow
+            worst.note(bodies.seen(law, z, F[2]))  # a jump may follow
             fallen |= ~(np.abs(z[0]) < FALLEN)
-    lost = -(M + m) * g
+    return worst.extremes(fallen)
 
-    def worst(value: Array, fell: Array | float) -> Array:
-        return np.asarray(np.where(fallen, fell, value))
 
-    return Extremes(
-        toe=worst(toe, np.minimum(toe, lost)), heel=worst(heel, np.minimum(heel, lost)), cop=worst(cop, -ell),
-        torque=worst(torque, np.inf), friction=worst(friction, np.inf),
-    )  # fmt: skip
+class _Seen(NamedTuple):
+    """tau, theta'', F_T, F_H, the load, and the ground's horizontal force, each (N,)."""
+
+    tau: Array
+    turning: Array
+    F_T: Array
+    F_H: Array
+    load: Array
+    shear: Array
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Law:
+    """The law, and the ``body`` that it knows."""
+
+    kind: LawKind
+    gains: Gains
+    body: Biped
+    theta_d: float
+    target: float
+    adapt: float
+
+    @property
+    def adapts(self) -> bool:
+        return math.isfinite(self.adapt)
+
+    def torque(self, z: State) -> Array:
+        theta, omega, s = z[:3]
+        aim = desired(self.body, self.adapt, z[3], omega) if self.adapts else self.theta_d
+        return np.asarray(torque_of(self.kind, self.body, aim, theta, omega, s, self.gains))
+
+    def flow(self, z: State, seen: _Seen) -> State:
+        """The rates of the states."""
+        rate = gathered(self.kind, self.body, seen.F_T, seen.F_H, self.target)
+        if not self.adapts:
+            return z[1], seen.turning, rate
+        aim = desired(self.body, self.adapt, z[3], z[1])
+        return z[1], seen.turning, rate, followed(self.body, self.adapt, aim, z[0], rate)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Bodies:
+    """The numbers (N,) of all bodies, and those that they share."""
+
+    M: Array
+    L: Array
+    I: Array
+    m: Array
+    ell: Array
+    g: float
+    skew: float
+    height: float
+
+    def seen(self, law: _Law, z: State, F: tuple[Array, Array]) -> _Seen:
+        """What states and force come to under the ``law``."""
+        theta, omega = z[:2]
+        tau = law.torque(z)
+        sine, cosine = np.sin(theta), np.cos(theta)
+        turning = ((self.M * self.g - F[1]) * self.L * sine + F[0] * self.L * cosine + tau) / self.I
+        load = self.M * (self.g - self.L * (turning * sine + omega**2 * cosine)) - F[1] + self.m * self.g
+        shear = self.M * self.L * (turning * cosine - omega**2 * sine) - F[0]
+        turn = tau - self.ell * self.skew * self.m * self.g + self.height * shear  # l_H F_H - l_T F_T
+        F_T = 0.5 * ((1 - self.skew) * load - turn / self.ell)
+        return _Seen(tau, turning, F_T, 0.5 * ((1 + self.skew) * load + turn / self.ell), load, shear)
+
+
+def _bodies(biped: Biped, tolerances: Tolerances, shares: Array) -> _Bodies:
+    M, L, I, m, ell = (
+        _spread(getattr(tolerances, name), getattr(biped, name), shares[:, k])
+        for k, name in enumerate(("M", "L", "I", "m", "ell"))
+    )
+    return _Bodies(M=M, L=L, I=I, m=m, ell=ell, g=biped.g, skew=biped.skew, height=biped.height)
+
+
+def _spread(spread: Spread, value: float, shares: Array) -> Array:
+    return np.asarray(value + shares * (spread.absolute + spread.part * abs(value)))
+
+
+class _Worst:
+    """The extremes so far."""
+
+    def __init__(self, bodies: _Bodies) -> None:
+        n = len(bodies.M)
+        self._bodies = bodies
+        self._toe, self._heel, self._cop = (np.full(n, np.inf) for _ in range(3))
+        self._torque, self._friction = np.zeros(n), np.zeros(n)
+
+    def note(self, seen: _Seen) -> None:
+        """Take what was ``seen`` into account."""
+        toe, heel = (1 + self._bodies.skew), (1 - self._bodies.skew)
+        np.fmin(self._toe, seen.F_T, out=self._toe)
+        np.fmin(self._heel, seen.F_H, out=self._heel)
+        P = (toe * seen.F_T - heel * seen.F_H) * self._bodies.ell / seen.load
+        np.fmin(self._cop, np.minimum(toe * self._bodies.ell - P, heel * self._bodies.ell + P), out=self._cop)
+        np.fmax(self._torque, np.abs(seen.tau), out=self._torque)
+        np.fmax(self._friction, np.abs(seen.shear) / seen.load, out=self._friction)
+
+    def extremes(self, fallen: Array) -> Extremes:
+        """What it came to, where ``fallen`` (N,) says which bodies fell."""
+        lost = -(self._bodies.M + self._bodies.m) * self._bodies.g
+
+        def of(value: Array, fell: Array | float) -> Array:
+            return np.asarray(np.where(fallen, fell, value))
+
+        return Extremes(
+            toe=of(self._toe, np.minimum(self._toe, lost)), heel=of(self._heel, np.minimum(self._heel, lost)),
+            cop=of(self._cop, -self._bodies.ell), torque=of(self._torque, np.inf), friction=of(self._friction, np.inf),
+        )  # fmt: skip
 
 
 def least_forces(

@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from design.model.deciding import deciding_points
 from design.model.environment import Scenario
 from design.model.limits import Required
-from design.model.stability import characteristic, deciding_points, routh_hurwitz
+from design.model.stability import characteristic, routh_hurwitz
 from design.spec.setting import Setting
 
 

@@ -17,6 +17,7 @@ from design.analysis.further import LINEAR_IDS, RUN_IDS, STEP_IDS, loop_rows, ru
 from design.analysis.rows import Basis, Row, Series, Verdict
 from design.analysis.simulate import Trajectory, components, simulate
 from design.model.closed_loop import ClosedLoop
+from design.model.deciding import deciding_places
 from design.model.environment import Scenario
 from design.model.laws import Gains
 from design.model.limits import Limit, Required, limits
@@ -24,7 +25,6 @@ from design.model.stability import (
     characteristic,
     closed_loop_matrix,
     decay_rate,
-    deciding_places,
     is_hurwitz,
     polynomial_map,
     routh_hurwitz,

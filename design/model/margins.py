@@ -1,4 +1,4 @@
-"""How much gain, phase, delay and sampling the linear loop bears: from polynomials, without a frequency grid.
+"""How much gain, phase and delay the linear loop bears: from polynomials, without a frequency grid.
 
 The loop is broken where a signal could be late or wrong and written as P(s) + Q(s) = 0, Q being the part that passes
 the break:
@@ -33,7 +33,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from design.model.body import Biped
-from design.model.laws import Gains, LawKind, swing
+from design.model.laws import Gains, LawKind
 
 Array = NDArray[np.float64]
 
@@ -247,81 +247,3 @@ def _peak(above: Polynomial, below: Polynomial) -> tuple[float, float]:
     """The largest |above/below| on the imaginary axis, and its frequency [rad/s]."""
     at, most = max(_peaks(above, below), key=lambda pair: pair[::-1])
     return most, at
-
-
-def sampled_matrix(
-    biped: Biped,
-    kind: LawKind,
-    K: Gains,
-    A: float,
-    load: float,
-    period: float,
-    adapt: float = math.inf,
-    beta: float = 0.0,
-) -> Array:
-    """The loop over one ``period`` [s] with the torque held: exact, for the states (theta, omega, s), and eta.
-
-    The law reads the states at the beginning of the period; its integral goes on by itself, as a force plate's does.
-    A law that adapts is taken as ``design.model.laws.AdaptingLaw`` is: both integrals by Euler's rule from the forces
-    that are read, which still are those of the torque before; it is the fifth state.
-    """
-    if math.isfinite(adapt):
-        return _adapting_matrix(biped, K, A, period, adapt, beta)
-    Omega = math.sqrt(max(A * biped.L / biped.I, 1e-12))
-    c, sh = math.cosh(Omega * period), math.sinh(Omega * period)
-    free = np.array([[c, sh / Omega], [Omega * sh, c]])
-    push = np.array([(c - 1.0) / (Omega**2 * biped.I), sh / (Omega * biped.I)])
-    if kind == "pd":
-        return np.asarray(free + np.outer(push, [-K.K_p, -K.K_d]))
-    K_f = effective_gain(biped, kind, K.K_f, load)
-    torque = np.array([-K.K_p, -K.K_d, K_f])
-    open_loop = np.zeros((3, 3))
-    open_loop[:2, :2], open_loop[2, 2] = free, 1.0
-    open_loop[2, :2] = beta / biped.ell * (free[1] - [0.0, 1.0])  # theta'' gathered is the change of the rate
-    return np.asarray(open_loop + np.outer([*push, (period + beta * push[1]) / biped.ell], torque))
-
-
-def _adapting_matrix(biped: Biped, K: Gains, A: float, period: float, adapt: float, beta: float) -> Array:
-    """(5, 5): theta, omega, s, eta, and the torque of the last period."""
-    Omega = math.sqrt(max(A * biped.L / biped.I, 1e-12))
-    c, sh = math.cosh(Omega * period), math.sinh(Omega * period)
-    b, lever = swing(biped, adapt), biped.M * biped.g * biped.L
-    torque = np.array([-K.K_p, -K.K_d - K.K_p * b, K.K_f, K.K_p, 0.0])
-    found = np.zeros((5, 5))
-    found[0, :2], found[1, :2] = [c, sh / Omega], [Omega * sh, c]
-    found[0] += (c - 1.0) / (Omega**2 * biped.I) * torque
-    found[1] += sh / (Omega * biped.I) * torque
-    told, swung = 1.0 + beta / biped.I, beta * A * biped.L / biped.I  # tau + beta theta'' by tau and theta
-    found[2, 0], found[2, 2], found[2, 4] = period / biped.ell * swung, 1.0, period / biped.ell * told
-    found[3] = period / adapt * np.array([1.0 + swung / lever, b, 0.0, -1.0, 1.0 / lever * told])
-    found[3, 3] += 1.0
-    found[4] = torque
-    return found
-
-
-def longest_period(
-    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf, beta: float = 0.0
-) -> float:
-    """The sampling period [s] at which the held loop first leaves the unit circle; stable at every shorter one.
-
-    Sought upward in steps of one per cent, then by bisection; raises ``ValueError`` if the loop is unstable.
-    """
-
-    def radius(period: float) -> float:
-        return float(np.abs(np.linalg.eigvals(sampled_matrix(biped, kind, K, A, load, period, adapt, beta))).max())
-
-    broken = breaks(biped, kind, K, A, load, adapt, beta)["actuator"]
-    fastest = float(np.abs((broken.P + broken.Q).roots()).max())
-    low = 1e-3 / fastest
-    if radius(low) >= 1:
-        message = "the loop is not stable; no sampling period keeps it so"
-        raise ValueError(message)
-    high = low
-    while radius(high) < 1:
-        low, high = high, high * 1.01
-        if high * fastest > 1e4:
-            return math.inf
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if radius(middle) < 1 else (low, middle)
-    return low

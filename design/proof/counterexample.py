@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from design.analysis.many import least_forces
 from design.analysis.recheck import second_opinion
-from design.model.stability import deciding_points
+from design.model.deciding import deciding_points
 from design.proof import poles
 from design.proof.case import Case
 from design.proof.exact import around, decimal

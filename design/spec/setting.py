@@ -10,11 +10,11 @@ import numpy as np
 from design.errors import BadInput
 from design.model.body import Biped
 from design.model.closed_loop import ClosedLoop, closed_loop
+from design.model.deciding import deciding_places
 from design.model.environment import Scenario, constant_force, platform, profile, slope
 from design.model.laws import Gains, LawKind
 from design.model.limits import Required
 from design.model.sensing import Sensors
-from design.model.stability import deciding_places
 from design.model.standing import Place
 from design.model.tuning import Tuning
 from design.model.uncertainty import Spread, Tolerances

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from design.solvers.nlp import Ipopt, NlpAnswer
 from problems.gains.grid import Grid, Instants, Point
-from problems.gains.modelled import Model
+from problems.gains.model import Model
 from problems.gains.program import pose
 
 Array = NDArray[np.float64]

@@ -111,7 +111,7 @@ class Grid:
             found.append((case, Motion(case.loop, case.scenario, mesh, case.sized), [int(k) for k in at]))
         return found
 
-    def thinned(self, count: int = 12) -> Instants:
+    def thinned(self, count: int = 20) -> Instants:
         """``count`` samples of each case, evenly spread."""
         return tuple(tuple(sorted({int(k) for k in np.linspace(0, len(steps.t) - 1, count)})) for steps in self.samples)
 

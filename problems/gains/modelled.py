@@ -1,87 +1,35 @@
-"""Rows that are not read from samples: loop margins, sampling, transients, as quadratic models about a point.
+"""Rows that are not read from samples, as quadratic models about a point, by differences.
 
-Their values are those of the report (``design.analysis.further``), one for each environment or scenario of each body
-and for each crossing or peak that a margin is the worst of, so that where the worst one changes there are two smooth
-rows and no kink. A model has the value, slope and curvature of a row at a point, by central differences; it holds near
-that point, and ``problems.gains.sequential`` says how near.
-
-Phase and delay margins are not even continuous: where |L| begins to cross 1 elsewhere, they jump. How far it is from
-that is a row of its own, a *gap*, that stays open where a crossing would cost anything.
+A model holds near its point, and ``problems.gains.sequential`` says how near.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from design.analysis.further import MARGINS
 from design.analysis.objectives import OBJECTIVES
-from design.analysis.simulate import simulate
-from design.analysis.slope_rate import peak_gain
-from design.analysis.transient import torque_rate, transient
-from design.model.laws import Gains
-from design.model.margins import breaks, longest_period, margin_pieces, near_crossings
 from problems.gains.goal import Goal
 from problems.gains.grid import BACKOFF
-from problems.gains.question import Environment, Question
+from problems.gains.held import held
+from problems.gains.model import Model
+from problems.gains.pieces import MODELLED, Piece, Pieces, values
+from problems.gains.question import Question
 
 Array = NDArray[np.float64]
 
 
-class Piece(NamedTuple):
-    """What a margin is the worst of: ``value`` at a frequency ``w`` [rad/s], or 0 where there is none.
-
-    Of a gap ``then`` is the value that the row would have if it closed.
-    """
-
-    w: float
-    value: float
-    then: float = math.inf
-
-
-Pieces = dict[tuple[str, int, bool], list[Piece]]
-"""By row, place (environment or scenario) and whether they are gaps."""
-
-LOOP = tuple(row for row, *_ in MARGINS)
-RUNS = ("torque-rate", "settling", "overshoot", "posture-error")
-MODELLED = (*LOOP, "sample-time", "slope-rate", *RUNS)
 OPEN = 1e-4
 """How far |L| stays from a crossing that would make a margin jump."""
-LAGS = {"phase-margin": "actuator", "delay-margin": "actuator", "force-delay-margin": "force",
-        "angle-delay-margin": "angle"}  # fmt: skip
-"""Rows that jump where |L| begins to cross 1, and where their loop is broken."""
 DIFFERENCE = 1e-3
 """Step of the differences, as a part of the range of each gain."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Model:
-    """value + slope d + d curvature d/2 with d = u - at, for gains u in their scale; in the unit of row ``id``.
-
-    A ``gap`` is how far |L| is from crossing 1 where it does not: closed, it would make a phase or delay margin jump.
-    """
-
-    id: str
-    gap: bool
-    at: Array
-    value: float
-    slope: Array
-    curvature: Array
-
-    def __call__(self, u: Any) -> Any:
-        """The modelled value at ``u``, numbers or CasADi expressions."""
-        if isinstance(u, np.ndarray):
-            d = u - self.at
-            return self.value + self.slope @ d + 0.5 * d @ self.curvature @ d
-        d = u - ca.DM(self.at)
-        return self.value + ca.dot(ca.DM(self.slope), d) + 0.5 * ca.bilin(ca.DM(self.curvature), d, d)
+SHRINKS = (1.0, 0.1, 0.01, 1e-3)
+"""What shorter steps are tried, where the loop is unstable at the end of one, or a piece is gone."""
 
 
 def wanted(question: Question, goal: Goal) -> tuple[str, ...]:
@@ -110,114 +58,104 @@ def margins(question: Question, goal: Goal, id: str, value: Any, *, gap: bool = 
     return found
 
 
-def values(question: Question, ids: Sequence[str], K: Array, step: float) -> Pieces | None:
-    """The values of each row in every environment or scenario that it has some in; None if the loop is unstable.
-
-    What is infinitely good is left out; what is infinitely bad is infinite.
-    """
-    gains = Gains(*map(float, K))
-    found: Pieces = {}
-    try:
-        for k, each in enumerate(question.environments):
-            own = _linear(each, ids, gains)
-            found |= {(id, k, False): pieces for id, pieces in own.items()}
-            found |= {(id, k, True): gaps for id, gaps in _gaps(each, ids, gains).items()}
-    except (ValueError, np.linalg.LinAlgError):
-        return None
-    runs = [id for id in ids if id in RUNS]
-    if runs:
-        place = 0
-        for world in question.worlds:
-            loop = world.loop()
-            for scenario in world.scenarios:
-                run = simulate(loop, scenario, gains, step)
-                if run.fallen is not None:
-                    return None
-                end = transient(loop, scenario, run)
-                read = {
-                    "settling": end.settling,
-                    "overshoot": math.degrees(end.overshoot),
-                    "posture-error": math.degrees(end.error),
-                }
-                if "torque-rate" in runs:
-                    read["torque-rate"] = float(np.abs(torque_rate(loop, gains, run)).max())
-                found |= {(id, place, False): [Piece(0.0, read[id])] for id in runs}
-                place += 1
-    return found
+def rows(question: Question, goal: Goal, model: Model, u: Any, v: Any) -> list[Any]:
+    """What must be >= 0 of a ``model`` at gains ``u``, in their scale, with the objective ``v``."""
+    value = model(u, _level(question, goal, model.id, v))
+    return [margin - of * v for margin, of in margins(question, goal, model.id, value, gap=model.gap)]
 
 
-def _linear(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, list[Piece]]:
-    world = each.world
-    found: dict[str, list[Piece]] = {}
-    gains = world.felt(gains)
-    where = (world.biped, world.law, gains, each.place.A, each.place.load, world.adapt, each.place.beta)
-    if any(id in LOOP for id in ids):
-        pieces = margin_pieces(*where)
-        unit = {"phase-margin": 180 / math.pi}
-        found |= {id: [Piece(w, unit.get(id, 1.0) * value) for w, value in pieces[id]] for id in ids if id in LOOP}
-    if "sample-time" in ids:
-        found["sample-time"] = [Piece(0.0, longest_period(*where))]
-    if "slope-rate" in ids and world.law != "pd" and world.plain:
-        peak = peak_gain(world.biped, world.law, gains)
-        found["slope-rate"] = [Piece(0.0, math.degrees(world.biped.ell / (peak.gain + peak.error)))]
-    good = {id: OBJECTIVES[id].sign * math.inf for id in found}
-    return {id: [piece for piece in pieces if piece.value != good[id]] for id, pieces in found.items()}
+def _level(question: Question, goal: Goal, id: str, v: Any) -> Any:
+    """The value at which row ``id`` is just good enough, for the objective ``v``: its margin is linear in its value."""
+    (at_0, of), (at_1, _) = (*margins(question, goal, id, 0.0), *margins(question, goal, id, 1.0))
+    return (of * v - at_0) / (at_1 - at_0)
 
 
-def _gaps(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, list[Piece]]:
-    """Near crossings of the rows that jump where |L| begins to cross 1."""
-    world, (A, load, beta) = each.world, each.place
-    rows = [id for id in ids if id in LAGS]
-    at = breaks(world.biped, world.law, world.felt(gains), A, load, world.adapt, beta) if rows else {}
-    found: dict[str, list[Piece]] = {}
-    for id in rows:
-        gaps = near_crossings(at[LAGS[id]]) if LAGS[id] in at else []
-        found[id] = [
-            Piece(w, gap, math.degrees(min(lag, 2 * math.pi - lag)) if id == "phase-margin" else lag / w)
-            for w, lag, gap in gaps
-        ]
-    return found
-
-
-def modelled(question: Question, ids: Sequence[str], u: Array, step: float) -> list[Model] | None:
-    """Models of all those rows about ``u``; None where the loop is unstable at it or next to it."""
-    free = np.flatnonzero(question.upper > question.lower).tolist()
+def modelled(question: Question, goal: Goal, u: Array, step: float) -> list[Model] | None:
+    """Models of all the rows that are ``wanted`` about ``u``; None where the loop is unstable at it or next to it."""
+    ids = wanted(question, goal)
     here = values(question, ids, u * question.scale, step)
-    if here is None or not all(math.isfinite(value) for pieces in here.values() for _, value, _ in pieces):
+    if here is None or not _finite(here):
         return None
-    for shrink in (1.0, 0.1, 0.01):
-        h = shrink * np.minimum(DIFFERENCE, 0.3 * u)
-        around = _around(question, ids, u, h, free, step)
-        if around is not None:
-            break
-    else:
+    around = _Around(question, tuple(id for id in ids if id != "sample-time"), u, step)
+    if all(around.ring(k) is None for k in range(len(SHRINKS))):
         return None
-    models = []
-    for place, pieces in here.items():
-        for number, (_, value, then) in enumerate(pieces):
-            least = min((piece.value for piece in here.get((place[0], place[1], False), [])), default=math.inf)
-            if place[2] and not (value >= 0 and then < least):
-                continue
-            near = {key: _same(pieces, number, its.get(place, [])) for key, its in around.items()}
-            found = {key: value for key, value in near.items() if value is not None}
-            if len(found) < len(near):  # a crossing that is just appearing or gone: only its value is known
-                slope, curvature = np.zeros(3), np.zeros((3, 3))
-            else:
-                slope, curvature = _derivatives(value, found, h, free)
-            models.append(Model(id=place[0], gap=place[2], at=u.copy(), value=value, slope=slope, curvature=curvature))
+    models: list[Model] = []
+    for (id, k, gap), pieces in here.items():
+        if id == "sample-time":
+            continue
+        least = _least(question, goal, id, here.get((id, k, False), []))
+        for j, (_, value, then) in enumerate(pieces):
+            if not gap or (value >= 0 and OBJECTIVES[id].sign * then < least):
+                slope, curvature = around.derivatives((id, k, gap), pieces, j)
+                models.append(Model(id=id, gap=gap, at=u.copy(), value=value, slope=slope, curvature=curvature))
+    if "sample-time" in ids:
+        for k, each in enumerate(question.environments):
+            exits, minima = (here.get(("sample-time", k, gap), []) for gap in (False, True))
+            level = _least(question, goal, "sample-time", [])
+            models += held(each, question.scale, u, exits, minima, level)
     return models
 
 
-def _derivatives(value: float, found: dict[tuple[int, int], float], h: Array, free: list[int]) -> tuple[Array, Array]:
-    slope, curvature = np.zeros(3), np.zeros((3, 3))
-    for i in free:
-        ahead, behind = found[i, 1], found[i, -1]
-        slope[i] = (ahead - behind) / (2 * h[i])
-        curvature[i, i] = (ahead - 2 * value + behind) / h[i] ** 2
-    for i, j in combinations(free, 2):
-        both = found[i, j + 10] - found[i, 1] - found[j, 1] + value
-        curvature[i, j] = curvature[j, i] = both / (h[i] * h[j])
-    return slope, curvature
+def _least(question: Question, goal: Goal, id: str, pieces: Sequence[Piece]) -> float:
+    """The worst of the ``pieces`` of a row, or the level that it must keep if that is worse; signed."""
+    sign = OBJECTIVES[id].sign
+    least = min((sign * piece.value for piece in pieces), default=math.inf)
+    required = id != goal.id and question.level(id) is not None and goal.id != "feasibility"
+    return min(least, float(sign * _level(question, goal, id, 0.0))) if required else least
+
+
+class _Around:
+    """The values next to ``u``, at distances that shrink: where the worst changes close by, only near ones will do."""
+
+    def __init__(self, question: Question, ids: tuple[str, ...], u: Array, step: float) -> None:
+        self._question, self._ids, self._u, self._step = question, ids, u, step
+        self._free = np.flatnonzero(question.upper > question.lower).tolist()
+        self._rings: dict[int, dict[tuple[int, int], Pieces] | None] = {}
+
+    def ring(self, k: int) -> dict[tuple[int, int], Pieces] | None:
+        """Those at u + h_i, u - h_i (keys (i, 1), (i, -1)) and u + h_i + h_j (key (i, j + 10)); None if unstable."""
+        if k not in self._rings:
+            self._rings[k] = self._found(k)
+        return self._rings[k]
+
+    def derivatives(self, place: tuple[str, int, bool], pieces: list[Piece], number: int) -> tuple[Array, Array]:
+        """Slope and curvature of a piece; zero if next to ``u``, however near, it is just appearing or gone."""
+        slope, curvature = np.zeros(3), np.zeros((3, 3))
+        for k in range(len(SHRINKS)):
+            near = {key: _same(pieces, number, its.get(place, [])) for key, its in (self.ring(k) or {}).items()}
+            found = {key: value for key, value in near.items() if value is not None}
+            if found and len(found) == len(near):
+                break
+        else:
+            return slope, curvature
+        value, h = pieces[number].value, self._h(k)
+        for i in self._free:
+            ahead, behind = found[i, 1], found[i, -1]
+            slope[i] = (ahead - behind) / (2 * h[i])
+            curvature[i, i] = (ahead - 2 * value + behind) / h[i] ** 2
+        for i, j in combinations(self._free, 2):
+            both = found[i, j + 10] - found[i, 1] - found[j, 1] + value
+            curvature[i, j] = curvature[j, i] = both / (h[i] * h[j])
+        return slope, curvature
+
+    def _h(self, k: int) -> Array:
+        return np.asarray(SHRINKS[k] * np.minimum(DIFFERENCE, 0.3 * self._u))
+
+    def _found(self, k: int) -> dict[tuple[int, int], Pieces] | None:
+        steps = np.diag(self._h(k))
+        points = {(i, side): self._u + side * steps[i] for i in self._free for side in (1, -1)}
+        points |= {(i, j + 10): self._u + steps[i] + steps[j] for i, j in combinations(self._free, 2)}
+        found = {}
+        for key, point in points.items():
+            at = values(self._question, self._ids, point * self._question.scale, self._step)
+            if at is None or not _finite(at):
+                return None
+            found[key] = at
+        return found
+
+
+def _finite(found: Pieces) -> bool:
+    return all(math.isfinite(value) for pieces in found.values() for _, value, _ in pieces)
 
 
 def _same(pieces: list[Piece], number: int, others: list[Piece]) -> float | None:
@@ -227,19 +165,3 @@ def _same(pieces: list[Piece], number: int, others: list[Piece]) -> float | None
     w = pieces[number].w
     near = min(others, key=lambda piece: abs(piece.w - w), default=None)
     return near.value if near is not None and abs(near.w - w) <= 0.1 * (abs(w) + 1e-9) else None
-
-
-def _around(
-    question: Question, ids: Sequence[str], u: Array, h: Array, free: list[int], step: float
-) -> dict[tuple[int, int], Pieces] | None:
-    """Values at u + h_i, u - h_i (keys (i, 1), (i, -1)) and u + h_i + h_j (key (i, j + 10))."""
-    unit = np.eye(3)
-    points = {(i, side): u + side * h[i] * unit[i] for i in free for side in (1, -1)}
-    points |= {(i, j + 10): u + h[i] * unit[i] + h[j] * unit[j] for i, j in combinations(free, 2)}
-    found = {}
-    for key, point in points.items():
-        at = values(question, ids, point * question.scale, step)
-        if at is None or not all(math.isfinite(value) for pieces in at.values() for _, value, _ in pieces):
-            return None
-        found[key] = at
-    return found

@@ -18,7 +18,8 @@ from design.model.stability import shifted
 from design.solvers.nlp import Nlp
 from problems.gains.goal import Goal
 from problems.gains.grid import BACKOFF, Grid, Instants, Point
-from problems.gains.modelled import Model, margins
+from problems.gains.model import Model
+from problems.gains.modelled import rows as model_rows
 from problems.gains.question import SURVIVALS, Environment, Question
 
 Array = NDArray[np.float64]
@@ -26,14 +27,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Read:
-    """Between named quantities and the solver's vector: x = (K/scale, v, factors of each polynomial).
-
-    ``sampled`` rows come first in g, then what the poles and the models give.
-    """
+    """Between named quantities and the solver's vector: x = (K/scale, v, factors of each polynomial)."""
 
     question: Question
     goal: Goal
-    sampled: int
 
     def point(self, x: Array) -> Point:
         """The gains and the objective in ``x``."""
@@ -91,10 +88,38 @@ def pose(
     question, goal = grid.question, grid.goal
     u, v = ca.MX.sym("u", 3), ca.MX.sym("v")
     K = u * ca.DM(question.scale)
-    p = ca.vertcat(K, v)
-    rows: list[Any] = []
-    equal: list[Any] = []
+    rows = _sampled(grid, instants, K, v)
+    if shift is not None and rows:
+        rows = [ca.vertcat(*rows) + ca.DM(shift)]
+    rows += [row for each in models for row in model_rows(question, goal, each, u, v)]
+    if goal.gain is not None:
+        rows.append(goal.sign * u[goal.gain] * question.scale[goal.gain] / goal.scale - v)
+    if goal.id == "routh-margin":
+        rows += [slack - v for each in question.environments for slack in each.slacks(ca.vertsplit(K))]
+    factors, equal = _factored(question, goal, K, v)
 
+    low, high = objective_range(question, goal)
+    lower = np.where(question.lower > 0, question.lower, 1e-9 * question.upper) / question.scale  # poles divide by K
+    upper = question.upper / question.scale
+    if reach is not None:
+        centre, radius = reach
+        lower, upper = np.clip(centre - radius, lower, upper), np.clip(centre + radius, lower, upper)
+    count = sum(row.numel() for row in rows)
+    program = Nlp(
+        x=ca.vertcat(u, v, *factors),
+        f=-v,
+        g=ca.vertcat(*rows, *equal),
+        x_lower=np.array([*lower, low, *np.zeros(len(factors))]),
+        x_upper=np.array([*upper, high, *np.full(len(factors), np.inf)]),
+        lower=np.zeros(count + len(equal)),
+        upper=np.array([*np.full(count, np.inf), *np.zeros(len(equal))]),
+    )
+    return program, Read(question=question, goal=goal)
+
+
+def _sampled(grid: Grid, instants: Instants, K: ca.MX, v: ca.MX) -> list[Any]:
+    """The rows of the limits at ``instants``, a column of them for each case."""
+    rows, p = [], ca.vertcat(K, v)
     for case, motion, chosen in grid.motions(instants):
         if not chosen:
             continue
@@ -107,14 +132,13 @@ def pose(
         ]
         if parts:
             rows.append(ca.vec(ca.vertcat(*parts)))
-    if shift is not None and rows:
-        rows = [ca.vertcat(*rows) + ca.DM(shift)]
-    sampled = sum(row.numel() for row in rows)
-    rows += [row - of * v for each in models for row, of in margins(question, goal, each.id, each(u), gap=each.gap)]
-    if goal.gain is not None:
-        rows.append(goal.sign * u[goal.gain] * question.scale[goal.gain] / goal.scale - v)
+    return rows
 
-    factors = []
+
+def _factored(question: Question, goal: Goal, K: ca.MX, v: ca.MX) -> tuple[list[Any], list[Any]]:
+    """Variables >= 0, and equations by which the shifted polynomials are products of stable factors of them."""
+    factors: list[Any] = []
+    equal: list[Any] = []
     for each, sigma in pole_sets(question, goal, v):
         q = shifted(each.coefficients(ca.vertsplit(K)), sigma)
         a, b, c, d = (ca.MX.sym(name) for name in "abcd")
@@ -128,27 +152,7 @@ def pose(
             factors += [a, b, c]
             product = (a + b, a * b + c, a * c)
         equal += [q[k] / question.pace ** (k + 1) - product[k] for k in range(len(q))]
-    if goal.id == "routh-margin":
-        rows += [slack - v for each in question.environments for slack in each.slacks(ca.vertsplit(K))]
-
-    free = len(factors)
-    low, high = objective_range(question, goal)
-    lower = np.where(question.lower > 0, question.lower, 1e-9 * question.upper) / question.scale  # poles divide by K
-    upper = question.upper / question.scale
-    if reach is not None:
-        centre, radius = reach
-        lower, upper = np.clip(centre - radius, lower, upper), np.clip(centre + radius, lower, upper)
-    count = sum(row.numel() for row in rows)
-    program = Nlp(
-        x=ca.vertcat(u, v, *factors),
-        f=-v,
-        g=ca.vertcat(*rows, *equal),
-        x_lower=np.array([*lower, low, *np.zeros(free)]),
-        x_upper=np.array([*upper, high, *np.full(free, np.inf)]),
-        lower=np.zeros(count + len(equal)),
-        upper=np.array([*np.full(count, np.inf), *np.zeros(len(equal))]),
-    )
-    return program, Read(question=question, goal=goal, sampled=sampled)
+    return factors, equal
 
 
 def objective_range(question: Question, goal: Goal) -> tuple[float, float]:

@@ -3,8 +3,7 @@
 A trust region, as in sequential quadratic programming (Conn, Gould and Toint, Trust-Region Methods, 2000), but with the
 sampled rows and the poles in the program as they are: only the modelled rows are approximated, to second order. Models
 of points that were tried and refused stay in the program until a point is accepted, if they do not cut off the best
-point: where a row has a kink, its other side is then known too. Of ``sample-time``, whose pieces are not told apart,
-the search can still end some tenths of a per cent short of a local optimum.
+point: where a row has a kink, its other side is then known too.
 """
 
 from __future__ import annotations
@@ -18,7 +17,9 @@ from numpy.typing import NDArray
 from design.analysis.objectives import OBJECTIVES
 from problems.gains.exchange import Local, exchange
 from problems.gains.grid import Grid, Instants, Point
-from problems.gains.modelled import Model, margins, modelled, values, wanted
+from problems.gains.model import Model
+from problems.gains.modelled import margins, modelled, wanted
+from problems.gains.pieces import values
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,8 @@ KEPT = 12
 """Models of refused points that are remembered."""
 PRICE = 10.0
 """How much of v a violation of one scale costs."""
+WORSE = 1e-3
+"""How much more of the modelled rows the first step may violate than the start does, in their scale."""
 SETTLED = 1e-7
 """Gain in v that is not worth another step."""
 WALK = 0.05
@@ -54,10 +57,11 @@ def optimise(
         )
     question = grid.question
     here = np.array(start.gains) / question.scale
-    models = modelled(question, ids, here, grid.step)
+    models = modelled(question, grid.goal, here, grid.step)
     if models is None:
         return Local(point=start, instants=instants, converged=False, said="the loop is not stable at the start")
-    best = Point(gains=start.gains, v=min(start.v, _truth(grid, models, here)[0]))
+    v, allowed = _truth(grid, models, here)
+    best = Point(gains=start.gains, v=min(start.v, v))
     merit, radius, said, refused = -np.inf, 0.02 if near else 0.2, "step limit", 0
     kept: list[Model] = []
     for _ in range(STEPS):
@@ -74,7 +78,7 @@ def optimise(
                 break
             continue
         there = np.array(found.point.gains) / question.scale
-        trial = modelled(question, ids, there, grid.step)
+        trial = modelled(question, grid.goal, there, grid.step)
         v, missing = (-np.inf, np.inf) if trial is None else _truth(grid, trial, there, found.point.v)
         worth = v - PRICE * missing
         if np.isfinite(merit):
@@ -82,14 +86,14 @@ def optimise(
                 return replace(found, point=best)
             if radius < SMALLEST or refused > PATIENCE:
                 return replace(found, point=best)
-        if worth > merit and trial is not None:
+        if worth > merit and trial is not None and (np.isfinite(merit) or missing <= allowed + WORSE):
             far = float(np.abs(there - here).max()) > 0.9 * radius
             good = not np.isfinite(merit) or worth - merit > 0.5 * (found.point.v - merit)
             radius = min(2.0 * radius, 0.25) if far and good else radius if good else 0.5 * radius
             best, merit, here, models = Point(gains=found.point.gains, v=v), worth, there, trial
             instants, near, kept, refused = found.instants, True, [], 0
         else:
-            kept += trial or []
+            kept += [model for model in trial or [] if np.isfinite(model.value)]
             refused += 1
             radius = 0.3 * min(radius, float(np.abs(there - here).max()) or radius)
         kept = [model for model in kept if _fair(model, models, here)][-KEPT:]
@@ -127,7 +131,7 @@ def _fair(model: Model, models: list[Model], u: Array) -> bool:
     """Whether an old ``model`` says nothing worse of ``u`` than is true there."""
     sign = 1.0 if model.gap else OBJECTIVES[model.id].sign
     worst = min((sign * each.value for each in models if (each.id, each.gap) == (model.id, model.gap)), default=-np.inf)
-    return bool(sign * float(model(u)) >= worst - 1e-9 * (1 + abs(worst)))
+    return bool(sign * float(model(u, sign * worst)) >= worst - 1e-9 * (1 + abs(worst)))
 
 
 def meets(grid: Grid, point: Point) -> bool:

@@ -14,7 +14,8 @@ from design.analysis.survival import push, step_slope
 from design.model.laws import Gains
 from problems.gains.exchange import FAR, Local, lowest_below, pruned, union
 from problems.gains.grid import Grid, Instants, Point, limit_rows
-from problems.gains.modelled import margins, values, wanted
+from problems.gains.modelled import margins, wanted
+from problems.gains.pieces import values
 from problems.gains.program import objective_range
 from problems.gains.question import SURVIVALS, question_decay
 from problems.gains.sequential import meets, optimise

@@ -21,7 +21,8 @@ from design.model.laws import Gains
 from design.model.uncertainty import Spread, Tolerances
 from design.spec.setting import Setting
 from problems.gains.goal import Goal
-from problems.gains.modelled import margins, values, wanted
+from problems.gains.modelled import margins, wanted
+from problems.gains.pieces import values
 from problems.gains.question import SURVIVALS, Question, environments
 
 Array = NDArray[np.float64]

@@ -17,11 +17,12 @@ from design.analysis.simulate import simulate
 from design.errors import BadInput
 from design.model.body import Biped
 from design.model.closed_loop import closed_loop
+from design.model.deciding import deciding_places
 from design.model.environment import constant_force, slope
 from design.model.laws import AdaptingLaw, Gains, SampledLaw
 from design.model.limits import limits
 from design.model.plant import plant
-from design.model.stability import characteristic, closed_loop_matrix, deciding_places, is_hurwitz, polynomial_map
+from design.model.stability import characteristic, closed_loop_matrix, is_hurwitz, polynomial_map
 from design.model.standing import met, standing
 
 ADULT = {"M": 68.0, "L": 0.92, "I": 70.0, "m": 2.0}

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from design.model.body import Biped
 from design.model.closed_loop import closed_loop
+from design.model.deciding import deciding_points
 from design.model.laws import Gains
 from design.model.stability import (
     characteristic,
     closed_loop_matrix,
     decay_rate,
-    deciding_points,
     is_hurwitz,
     normalised_slacks,
     routh_hurwitz,

@@ -36,6 +36,7 @@ def _with(objective, **levels):
         _with("step-slope", contact_force=60.0),
         pytest.param(_with("torque-rate", decay_rate=4.0), marks=pytest.mark.slow),
         pytest.param(_with("push", contact_force=60.0), marks=pytest.mark.slow),
+        pytest.param(_with("sample-time", contact_force=150.0), marks=pytest.mark.slow),
         pytest.param(_with("overshoot", contact_force=100.0), marks=pytest.mark.slow),
         pytest.param(_with("gain-margin-down", contact_force=150.0, phase_margin=50.0), marks=pytest.mark.slow),
     ],
@@ -59,7 +60,13 @@ def test_no_neighbour_is_better(problem):
 
 @pytest.mark.parametrize(
     "levels",
-    [{"delay_margin": 0.05}, {"disk_margin": 1.3, "phase_margin": 70.0}, {"step_slope": 5.0}, {"torque_rate": 60.0}],
+    [
+        {"delay_margin": 0.05},
+        {"disk_margin": 1.3, "phase_margin": 70.0},
+        {"step_slope": 5.0},
+        {"torque_rate": 60.0},
+        pytest.param({"sample_time": 0.15}, marks=pytest.mark.slow),
+    ],
 )
 def test_a_requirement_of_any_kind_is_kept_and_costs(levels):
     free = solve(_with("contact-force")).outcome.value

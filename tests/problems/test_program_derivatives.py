@@ -14,7 +14,7 @@ from design.model.stability import is_hurwitz
 from design.spec.load import load
 from design.spec.setting import setting
 from problems.gains import Grid, Point, Question, pose
-from problems.gains.modelled import modelled, wanted
+from problems.gains.modelled import modelled
 
 SLOPE = setting(load("slope").spec)
 WISHES = {"contact-force": 100.0, "decay-rate": 8.0, "delay-margin": 0.02, "step-slope": 6.0, "torque": 40.0}
@@ -33,6 +33,7 @@ WISHES = {"contact-force": 100.0, "decay-rate": 8.0, "delay-margin": 0.02, "step
         "push",
         "delay-margin",
         "settling",
+        "sample-time",
         "kp",
         "goals",
     ],
@@ -44,7 +45,7 @@ def test_first_and_second_derivatives_match_finite_differences(goal):
     seen = ((50, 300, 501, 900), (0, 20, 500)) if goal in ("step-slope", "push") else ((50, 300, 501, 900),)
     seen = (*seen, (10, 40)) if goal == "goals" else seen
     u = np.array([0.8, 0.7, 0.3])
-    models = modelled(question, wanted(question, grid.goal), u, 0.01) or []
+    models = modelled(question, grid.goal, u, 0.01) or []
     program, read = pose(grid, seen, models=models)
     x0 = read.start(Point(gains=Gains(3000.0, 900.0, 5.0), v=0.1))
     lam = ca.MX.sym("lam", program.g.numel())

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from design.model.limits import Required
+from design.present.synthesis import _why_lines
 from design.spec.load import load
 from design.spec.setting import setting
 from problems import gains, whynot
@@ -47,6 +48,17 @@ def test_a_relaxation_is_enough_and_a_little_less_is_not(why, id):
     enough = next(each.enough for each in why.relaxations if each.id == id)
     assert _solved(replace(TORN, required={**TORN.required, id: Required(level=enough)}))
     assert not _solved(replace(TORN, required={**TORN.required, id: Required(level=enough * 1.003)}))
+
+
+def test_without_time_nothing_is_concluded():
+    found = whynot.solve(TORN, seconds=0.01)
+    assert not found.minimal
+    assert not found.complete
+    assert not found.relaxations
+    assert set(found.conflict) == {"contact-force", "decay-rate", "torque"}  # none was ruled out
+    said = " ".join(_why_lines(found))
+    assert "Time ran out" in said
+    assert "each can be met" not in said
 
 
 @pytest.mark.slow

@@ -1,0 +1,126 @@
+"""The true values of rows that are not read from samples, in the smooth pieces that each is the worst of.
+
+They are those of the report (``design.analysis.further``): one for each environment or scenario of each body, and for
+each crossing, peak or exit of an eigenvalue that a margin is the worst of, so that where the worst one changes there
+are two smooth rows and no kink.
+
+Phase and delay margins are not even continuous: where |L| begins to cross 1 elsewhere, they jump, and so does the
+sampling period where an eigenvalue begins to leave the unit circle earlier. How far it is from that is a row of its
+own, a *gap*, that stays open where closing it would cost anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from design.analysis.further import MARGINS
+from design.analysis.objectives import OBJECTIVES
+from design.analysis.simulate import simulate
+from design.analysis.slope_rate import peak_gain
+from design.analysis.transient import torque_rate, transient
+from design.model.laws import Gains
+from design.model.margins import breaks, margin_pieces, near_crossings
+from design.model.sampling import exits
+from problems.gains.question import Environment, Question
+
+Array = NDArray[np.float64]
+
+
+class Piece(NamedTuple):
+    """What a margin is the worst of: ``value`` at ``w``, a frequency [rad/s] or another mark to tell it by.
+
+    Of a gap ``then`` is the value that the row would have if it closed.
+    """
+
+    w: float
+    value: float
+    then: float = math.inf
+
+
+Pieces = dict[tuple[str, int, bool], list[Piece]]
+"""By row, place (environment or scenario) and whether they are gaps."""
+
+LOOP = tuple(row for row, *_ in MARGINS)
+RUNS = ("torque-rate", "settling", "overshoot", "posture-error")
+MODELLED = (*LOOP, "sample-time", "slope-rate", *RUNS)
+LAGS = {"phase-margin": "actuator", "delay-margin": "actuator", "force-delay-margin": "force",
+        "angle-delay-margin": "angle"}  # fmt: skip
+"""Rows that jump where |L| begins to cross 1, and where their loop is broken."""
+
+
+def values(question: Question, ids: Sequence[str], K: Array, step: float) -> Pieces | None:
+    """The values of each row in every environment or scenario that it has some in; None if the loop is unstable.
+
+    What is infinitely good is left out; what is infinitely bad is infinite.
+    """
+    gains = Gains(*map(float, K))
+    found: Pieces = {}
+    try:
+        for k, each in enumerate(question.environments):
+            own = _linear(each, ids, gains)
+            found |= {(id, k, False): pieces for id, pieces in own.items()}
+            found |= {(id, k, True): gaps for id, gaps in _gaps(each, ids, gains).items()}
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+    runs = [id for id in ids if id in RUNS]
+    if runs:
+        place = 0
+        for world in question.worlds:
+            loop = world.loop()
+            for scenario in world.scenarios:
+                run = simulate(loop, scenario, gains, step)
+                if run.fallen is not None:
+                    return None
+                end = transient(loop, scenario, run)
+                read = {
+                    "settling": end.settling,
+                    "overshoot": math.degrees(end.overshoot),
+                    "posture-error": math.degrees(end.error),
+                }
+                if "torque-rate" in runs:
+                    read["torque-rate"] = float(np.abs(torque_rate(loop, gains, run)).max())
+                found |= {(id, place, False): [Piece(0.0, read[id])] for id in runs}
+                place += 1
+    return found
+
+
+def _linear(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, list[Piece]]:
+    world = each.world
+    found: dict[str, list[Piece]] = {}
+    gains = world.felt(gains)
+    where = (world.biped, world.law, gains, each.place.A, each.place.load, world.adapt, each.place.beta)
+    if any(id in LOOP for id in ids):
+        pieces = margin_pieces(*where)
+        unit = {"phase-margin": 180 / math.pi}
+        found |= {id: [Piece(w, unit.get(id, 1.0) * value) for w, value in pieces[id]] for id in ids if id in LOOP}
+    if "sample-time" in ids:
+        found["sample-time"] = [Piece(1.0 + each.which, each.period) for each in exits(*where) if each.gap is None]
+    if "slope-rate" in ids and world.law != "pd" and world.plain:
+        peak = peak_gain(world.biped, world.law, gains)
+        found["slope-rate"] = [Piece(0.0, math.degrees(world.biped.ell / (peak.gain + peak.error)))]
+    good = {id: OBJECTIVES[id].sign * math.inf for id in found}
+    return {id: [piece for piece in pieces if piece.value != good[id]] for id, pieces in found.items()}
+
+
+def _gaps(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, list[Piece]]:
+    """Near crossings of the rows that jump where |L| begins to cross 1, or an eigenvalue to leave the unit circle."""
+    world, (A, load, beta) = each.world, each.place
+    where = (world.biped, world.law, world.felt(gains), A, load, world.adapt, beta)
+    found: dict[str, list[Piece]] = {}
+    if "sample-time" in ids:
+        near = [(each.which, each.gap, each.period) for each in exits(*where) if each.gap is not None]
+        found["sample-time"] = [Piece(1.0 + which, gap, period) for which, gap, period in near]
+    rows = [id for id in ids if id in LAGS]
+    at = breaks(*where) if rows else {}
+    for id in rows:
+        gaps = near_crossings(at[LAGS[id]]) if LAGS[id] in at else []
+        found[id] = [
+            Piece(w, gap, math.degrees(min(lag, 2 * math.pi - lag)) if id == "phase-margin" else lag / w)
+            for w, lag, gap in gaps
+        ]
+    return found

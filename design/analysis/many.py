@@ -240,7 +240,7 @@ def _world(scenario: Scenario, M: Array, g: float, final: Array, ramp: Array):  
         else:
             signal = scenario.signal_by(np.array([inside]), np.array([t])) * np.ones_like(M)
         if scenario.kind == "slope":
-            alpha = signal[0] * (final / whole) if whole else final
+            alpha = signal[0] / whole * final if whole else final
             return M * g * np.sin(alpha), M * g * (1 - np.cos(alpha))
         if scenario.kind == "platform":
             return -M * signal[0], np.zeros_like(M)

@@ -175,7 +175,7 @@ def varied(
     if scenario.kind == "slope":
         to_force = slope_force(biped)
         final = float(signal[0, -1])
-        signal = np.full_like(signal, slope(final)) if final == 0 else signal * (slope(final) / final)
+        signal = np.full_like(signal, slope(final)) if final == 0 else signal / final * slope(final)
     if scenario.kind == "platform":
         to_force = _floor_force(biped)
     if scenario.kind in ("slope", "force") and times[-1] > 0:

@@ -58,7 +58,7 @@ def test_two_workers_are_nearly_twice_as_fast_as_one(benchmark, capsys):
 
     def run():
         rounds = []
-        for _ in range(5):
+        for _ in range(11):
             possible, (one, _), (two, busy) = _machine(), _rate(1), _rate(2)
             rounds.append((two / one, min(possible, 2.0), busy))
         return np.median(rounds, axis=0)

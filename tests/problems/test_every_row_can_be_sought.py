@@ -31,7 +31,7 @@ def _with(objective, **levels):
     [
         _with("disk-margin", contact_force=100.0),
         _with("phase-margin", contact_force=100.0, decay_rate=6.0),
-        _with("delay-margin", contact_force=150.0),
+        pytest.param(_with("delay-margin", contact_force=150.0), marks=pytest.mark.slow),
         _with("torque", decay_rate=6.0),
         _with("step-slope", contact_force=60.0),
         pytest.param(_with("torque-rate", decay_rate=4.0), marks=pytest.mark.slow),
@@ -61,10 +61,10 @@ def test_no_neighbour_is_better(problem):
 @pytest.mark.parametrize(
     "levels",
     [
-        {"delay_margin": 0.05},
+        pytest.param({"delay_margin": 0.05}, marks=pytest.mark.slow),
         {"disk_margin": 1.3, "phase_margin": 70.0},
         {"step_slope": 5.0},
-        {"torque_rate": 60.0},
+        pytest.param({"torque_rate": 60.0}, marks=pytest.mark.slow),
         pytest.param({"sample_time": 0.15}, marks=pytest.mark.slow),
     ],
 )
@@ -101,6 +101,7 @@ def test_goals_need_a_soft_requirement():
         solve(_with("goals"))
 
 
+@pytest.mark.slow
 def test_a_gain_can_be_made_small():
     found = solve(_with("kp", contact_force=150.0)).outcome.value
     assert found.value == found.gains.K_p < 3500

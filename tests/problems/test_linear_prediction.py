@@ -221,6 +221,7 @@ def test_two_other_solvers_find_the_same_plan(case, solver):
 # ---- limits
 
 
+@pytest.mark.slow
 @given(st.floats(-8.0, 8.0), st.floats(-0.3, 0.3), st.floats(-0.6, 0.6), st.sampled_from(["ankle", "limited", "wish"]))
 @settings(max_examples=150, deadline=None)
 @example(6.5, -0.113, 0.0, "ankle")

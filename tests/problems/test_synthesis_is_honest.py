@@ -140,6 +140,7 @@ def test_what_some_gains_keep_is_not_called_impossible(scenario, levels, gains):
     assert not obstacles(problem)
 
 
+@pytest.mark.slow
 def test_a_loop_margin_out_of_reach_is_named():
     answer = question.solve(_needs(SLOPE, delay_margin=0.5))
     assert answer.outcome.status is Status.NOT_FOUND

@@ -58,6 +58,7 @@ def test_a_body_that_falls_has_lost_contact():
     assert min(toe[0], heel[0]) < 0
 
 
+@pytest.mark.slow
 def test_what_is_proved_lies_below_what_is_broken():
     step = replace(
         PROBLEM, scenarios=(slope(BODY, name="w", angle=math.radians(1.5), ramp=0.0, duration=1.0),),

@@ -8,7 +8,7 @@ from fractions import Fraction
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from design.analysis.recheck import second_opinion
@@ -280,6 +280,7 @@ def test_without_rounding_the_papers_slope_has_one_A():
 
 
 @given(degrees=st.floats(-40.0, 40.0), share=st.floats(0.0, 1.0), off=st.floats(-1.0, 1.0))
+@example(degrees=1e-309, share=0.5, off=1.0)
 def test_the_range_of_the_load_holds_every_load_on_the_way(degrees, share, off):
     world = slope(PAPER, name="w", angle=math.radians(degrees), ramp=1.0, duration=2.0)
     case = _case(PAPER, CALM, world, BOX, "cop")

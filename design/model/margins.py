@@ -26,6 +26,7 @@ Marshall, IEE Proc. D 134, 1987).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,12 @@ from design.model.body import Biped
 from design.model.laws import Gains, LawKind
 
 Array = NDArray[np.float64]
+
+IDS = (
+    "gain-margin-up", "gain-margin-down", "phase-margin", "delay-margin", "force-delay-margin", "angle-delay-margin",
+    "disk-margin",
+)  # fmt: skip
+"""Ids of the margins that have pieces."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,9 +134,16 @@ def loop_margins(
 
 
 def margin_pieces(
-    biped: Biped, kind: LawKind, K: Gains, A: float, load: float, adapt: float = math.inf, beta: float = 0.0
+    biped: Biped,
+    kind: LawKind,
+    K: Gains,
+    A: float,
+    load: float,
+    adapt: float = math.inf,
+    beta: float = 0.0,
+    ids: Collection[str] = IDS,
 ) -> dict[str, list[tuple[float, float]]]:
-    """What each margin is the worst of, by row id: (frequency [rad/s], value), each smooth in the gains.
+    """What each margin of ``ids`` is the worst of, by row id: (frequency [rad/s], value), each smooth in the gains.
 
     One for every crossing of unit gain or of the negative axis, and every peak of |S - T|. Phases in rad. Raises
     ``ValueError`` for a loop that is not stable.
@@ -139,22 +153,25 @@ def margin_pieces(
     if (P + Q).roots().real.max() >= 0:
         message = "the loop is not stable; it has no margins"
         raise ValueError(message)
-    factors = _critical_gains(P, Q)
+
+    def factors() -> list[tuple[float, float]]:
+        return _critical_gains(P, Q)
 
     def delays(broken: Break | None) -> list[tuple[float, float]]:
         if broken is None:
             return []
         return [(w, _lag(broken.P, broken.Q, w) / w) for w in _unit_gain(broken.P, broken.Q)]
 
-    return {
-        "gain-margin-up": [(w, k) for w, k in factors if k > 1],
-        "gain-margin-down": [(w, k) for w, k in factors if 0 < k < 1],
-        "phase-margin": [(w, abs(_wrapped(_lag(P, Q, w)))) for w in _unit_gain(P, Q)],
-        "delay-margin": delays(at["actuator"]),
-        "force-delay-margin": delays(at.get("force")),
-        "angle-delay-margin": delays(at["angle"]),
-        "disk-margin": [(w, 1.0 / peak) for w, peak in _peaks(0.5 * (P - Q), P + Q) if peak > 0],
+    rows: dict[str, Callable[[], list[tuple[float, float]]]] = {
+        "gain-margin-up": lambda: [(w, k) for w, k in factors() if k > 1],
+        "gain-margin-down": lambda: [(w, k) for w, k in factors() if 0 < k < 1],
+        "phase-margin": lambda: [(w, abs(_wrapped(_lag(P, Q, w)))) for w in _unit_gain(P, Q)],
+        "delay-margin": lambda: delays(at["actuator"]),
+        "force-delay-margin": lambda: delays(at.get("force")),
+        "angle-delay-margin": lambda: delays(at["angle"]),
+        "disk-margin": lambda: [(w, 1.0 / peak) for w, peak in _peaks(0.5 * (P - Q), P + Q) if peak > 0],
     }
+    return {id: rows[id]() for id in ids}
 
 
 def near_crossings(broken: Break, reach: float = 0.5) -> list[tuple[float, float, float]]:

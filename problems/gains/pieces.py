@@ -94,10 +94,10 @@ def _linear(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, li
     found: dict[str, list[Piece]] = {}
     gains = world.felt(gains)
     where = (world.biped, world.law, gains, each.place.A, each.place.load, world.adapt, each.place.beta)
-    if any(id in LOOP for id in ids):
-        pieces = margin_pieces(*where)
+    if loop := [id for id in ids if id in LOOP]:
         unit = {"phase-margin": 180 / math.pi}
-        found |= {id: [Piece(w, unit.get(id, 1.0) * value) for w, value in pieces[id]] for id in ids if id in LOOP}
+        for id, pieces in margin_pieces(*where, ids=loop).items():
+            found[id] = [Piece(w, unit.get(id, 1.0) * value) for w, value in pieces]
     if "sample-time" in ids:
         found["sample-time"] = [Piece(1.0 + each.which, each.period) for each in exits(*where) if each.gap is None]
     if "slope-rate" in ids and world.law != "pd" and world.plain:

@@ -83,6 +83,12 @@ def _closer(grid: Grid, points: Array, merit: Array) -> Array:
             for _, value, _ in () if gap else pieces:
                 for margin, of in margins(question, goal, id, value):
                     v, missing = (min(v, margin), missing) if of else (v, min(missing, margin))
+        for kind in sized:
+            survived, wish = _survived(grid, kind, Gains(*map(float, K))), question.wish(kind)
+            if goal.id == "goals" and wish is not None:
+                v = min(v, (survived - wish) / question.size_of(kind))
+            elif goal.id == kind:
+                v = min(v, goal.v(survived))
         if missing < 0:
             merit[at] = MISSED + max(missing, -8.0)
         elif math.isfinite(v):

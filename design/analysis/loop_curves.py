@@ -8,9 +8,9 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
+from design.model.broken_loop import breaks
 from design.model.deciding import deciding_places
 from design.model.laws import Gains
-from design.model.margins import breaks
 from design.spec.setting import Setting
 
 

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from design.analysis.exponential import exponential
 from design.model.body import Biped
+from design.model.broken_loop import effective_gain
 from design.model.laws import Gains, LawKind
-from design.model.margins import effective_gain
 
 Array = NDArray[np.float64]
 

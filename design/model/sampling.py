@@ -19,16 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.model.body import Biped
+from design.model.broken_loop import breaks, effective_gain
 from design.model.laws import Gains, LawKind, swing
-from design.model.margins import breaks, effective_gain
 
 Array = NDArray[np.float64]
 
 GROWTH = 1.01
 """Ratio of neighbouring periods in the search for the first that is too long."""
-AT_ONCE = 64
+AT_ONCE = 192
 """Periods whose eigenvalues are found together."""
-ROUNDS = 14
+ROUNDS = 11
 """Of narrowing sixteenfold between two of them: to the last digit."""
 BEYOND = 1.5
 """How far past the first exit the others are looked for, as a factor."""

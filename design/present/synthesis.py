@@ -57,7 +57,7 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: 
         lines = [head, "", paint(outcome.status.word.upper(), style), *wrapped(outcome.status.value)]
         lines += wrapped(outcome.detail)
         if answer.why:
-            lines += ["", *_why_lines(answer.why)]
+            lines += ["", *why_lines(answer.why)]
         if answer.missed:
             lines += ["", "At that point (not a result):", *report_table(answer.missed, paint)]
         return "\n".join(lines) + "\n"
@@ -193,7 +193,7 @@ def _why(why: WhyNot) -> dict[str, Any]:
     }
 
 
-def _why_lines(why: WhyNot) -> list[str]:
+def why_lines(why: WhyNot) -> list[str]:
     """The conflict, and what would be enough."""
     names = " and ".join(why.conflict)
     if not why.minimal:

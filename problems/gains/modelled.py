@@ -23,9 +23,10 @@ from problems.gains.question import Question
 
 Array = NDArray[np.float64]
 
-
 OPEN = 1e-4
-"""How far |L| stays from a crossing that would make a margin jump."""
+"""How far a gap stays open: of |L| from 1, or of a function of the sampling period from 0."""
+FAR = 1.5
+"""Sampling periods so many times as long as the shortest one, or as what is required, are not modelled."""
 DIFFERENCE = 1e-3
 """Step of the differences, as a part of the range of each gain."""
 SHRINKS = (1.0, 0.1, 0.01, 1e-3)
@@ -89,10 +90,12 @@ def modelled(question: Question, goal: Goal, u: Array, step: float) -> list[Mode
                 slope, curvature = around.derivatives((id, k, gap), pieces, j)
                 models.append(Model(id=id, gap=gap, at=u.copy(), value=value, slope=slope, curvature=curvature))
     if "sample-time" in ids:
-        for k, each in enumerate(question.environments):
-            exits, minima = (here.get(("sample-time", k, gap), []) for gap in (False, True))
-            level = _least(question, goal, "sample-time", [])
-            models += held(each, question.scale, u, exits, minima, level)
+        level = _least(question, goal, "sample-time", [])
+        places = [[here[id, k, gap] for gap in (False, True)] for id, k, gap in here if id == "sample-time" and not gap]
+        first = [min((piece.value for piece in exits), default=math.inf) for exits, _ in places]
+        for each, (exits, minima), end in zip(question.environments, places, first, strict=True):
+            if end <= FAR * min(level, *first):
+                models += held(each, question.scale, u, exits, minima, level)
     return models
 
 

@@ -23,8 +23,9 @@ from design.analysis.objectives import OBJECTIVES
 from design.analysis.simulate import simulate
 from design.analysis.slope_rate import peak_gain
 from design.analysis.transient import torque_rate, transient
+from design.model.broken_loop import Break, breaks
 from design.model.laws import Gains
-from design.model.margins import breaks, margin_pieces, near_crossings
+from design.model.margins import margin_pieces, near_crossings
 from design.model.sampling import exits
 from problems.gains.question import Environment, Question
 
@@ -62,9 +63,7 @@ def values(question: Question, ids: Sequence[str], K: Array, step: float) -> Pie
     found: Pieces = {}
     try:
         for k, each in enumerate(question.environments):
-            own = _linear(each, ids, gains)
-            found |= {(id, k, False): pieces for id, pieces in own.items()}
-            found |= {(id, k, True): gaps for id, gaps in _gaps(each, ids, gains).items()}
+            found |= {(id, k, gap): pieces for (id, gap), pieces in _linear(each, ids, gains).items()}
     except (ValueError, np.linalg.LinAlgError):
         return None
     runs = [id for id in ids if id in RUNS]
@@ -89,38 +88,38 @@ def values(question: Question, ids: Sequence[str], K: Array, step: float) -> Pie
     return found
 
 
-def _linear(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, list[Piece]]:
-    world = each.world
-    found: dict[str, list[Piece]] = {}
-    gains = world.felt(gains)
-    where = (world.biped, world.law, gains, each.place.A, each.place.load, world.adapt, each.place.beta)
+def _linear(each: Environment, ids: Sequence[str], gains: Gains) -> dict[tuple[str, bool], list[Piece]]:
+    """By row and whether they are gaps."""
+    world, (A, load, beta) = each.world, each.place
+    felt = world.felt(gains)
+    where = (world.biped, world.law, felt, A, load, world.adapt, beta)
+    found: dict[tuple[str, bool], list[Piece]] = {}
     if loop := [id for id in ids if id in LOOP]:
         unit = {"phase-margin": 180 / math.pi}
         for id, pieces in margin_pieces(*where, ids=loop).items():
-            found[id] = [Piece(w, unit.get(id, 1.0) * value) for w, value in pieces]
+            found[id, False] = [Piece(w, unit.get(id, 1.0) * value) for w, value in pieces]
+    if lags := [id for id in ids if id in LAGS]:
+        broken = breaks(*where)
+        for id in lags:
+            found[id, True] = _gaps(id, broken[LAGS[id]]) if LAGS[id] in broken else []
     if "sample-time" in ids:
-        found["sample-time"] = [Piece(1.0 + each.which, each.period) for each in exits(*where) if each.gap is None]
-    if "slope-rate" in ids and world.law != "pd" and world.plain:
-        peak = peak_gain(world.biped, world.law, gains)
-        found["slope-rate"] = [Piece(0.0, math.degrees(world.biped.ell / (peak.gain + peak.error)))]
-    good = {id: OBJECTIVES[id].sign * math.inf for id in found}
-    return {id: [piece for piece in pieces if piece.value != good[id]] for id, pieces in found.items()}
-
-
-def _gaps(each: Environment, ids: Sequence[str], gains: Gains) -> dict[str, list[Piece]]:
-    """Near crossings of the rows that jump where |L| begins to cross 1, or an eigenvalue to leave the unit circle."""
-    world, (A, load, beta) = each.world, each.place
-    where = (world.biped, world.law, world.felt(gains), A, load, world.adapt, beta)
-    found: dict[str, list[Piece]] = {}
-    if "sample-time" in ids:
-        near = [(each.which, each.gap, each.period) for each in exits(*where) if each.gap is not None]
-        found["sample-time"] = [Piece(1.0 + which, gap, period) for which, gap, period in near]
-    rows = [id for id in ids if id in LAGS]
-    at = breaks(*where) if rows else {}
-    for id in rows:
-        gaps = near_crossings(at[LAGS[id]]) if LAGS[id] in at else []
-        found[id] = [
-            Piece(w, gap, math.degrees(min(lag, 2 * math.pi - lag)) if id == "phase-margin" else lag / w)
-            for w, lag, gap in gaps
+        ends = exits(*where)
+        found["sample-time", False] = [Piece(1.0 + end.which, end.period) for end in ends if end.gap is None]
+        found["sample-time", True] = [
+            Piece(1.0 + end.which, end.gap, end.period) for end in ends if end.gap is not None
         ]
-    return found
+    if "slope-rate" in ids and world.law != "pd" and world.plain:
+        peak = peak_gain(world.biped, world.law, felt)
+        found["slope-rate", False] = [Piece(0.0, math.degrees(world.biped.ell / (peak.gain + peak.error)))]
+    best = {id: OBJECTIVES[id].sign * math.inf for id, _ in found}
+    return {
+        (id, gap): [piece for piece in pieces if gap or piece.value != best[id]] for (id, gap), pieces in found.items()
+    }
+
+
+def _gaps(id: str, broken: Break) -> list[Piece]:
+    """Near crossings of a row that jumps where |L| begins to cross 1."""
+    return [
+        Piece(w, gap, math.degrees(min(lag, 2 * math.pi - lag)) if id == "phase-margin" else lag / w)
+        for w, lag, gap in near_crossings(broken)
+    ]

@@ -13,11 +13,11 @@ from design.analysis.simulate import simulate
 from design.analysis.survival import at_rest, mirrored, push, push_limit, slope_limit, step_slope
 from design.analysis.verdict import judge
 from design.model.body import Biped
+from design.model.broken_loop import breaks
 from design.model.closed_loop import closed_loop
 from design.model.deciding import deciding_places
 from design.model.environment import slope
 from design.model.laws import Gains
-from design.model.margins import breaks
 from design.model.sampling import sampled_matrix
 from design.model.stability import characteristic
 from design.spec.load import builtin_text, load, parse

@@ -15,10 +15,11 @@ from design.analysis.transient import torque_rate
 from design.analysis.verdict import judge
 from design.model.actuator import Actuator
 from design.model.body import Biped
+from design.model.broken_loop import breaks
 from design.model.closed_loop import closed_loop
 from design.model.environment import constant_force, slope
 from design.model.laws import AdaptingLaw, Gains, Measurement, law
-from design.model.margins import breaks, loop_margins
+from design.model.margins import loop_margins
 from design.model.sampling import longest_period, sampled_matrix
 from design.model.sensing import Sensors
 from design.model.stability import characteristic, closed_loop_matrix, decay_rate, is_hurwitz, shortest_adaptation

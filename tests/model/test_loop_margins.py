@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from design.model.broken_loop import Break, breaks
 from design.model.laws import Gains
-from design.model.margins import Break, breaks, delay_margin, loop_margins
+from design.model.margins import delay_margin, loop_margins
 from design.model.sampling import longest_period, sampled_matrix
 from design.model.stability import closed_loop_matrix
 from design.spec.load import load

@@ -14,8 +14,8 @@ from design.analysis.estimate import static_estimate
 from design.analysis.simulate import simulate
 from design.analysis.verdict import judge
 from design.model import closed_loop as loops
+from design.model.broken_loop import breaks
 from design.model.limits import limits
-from design.model.margins import breaks
 from design.model.plant import plant
 from design.model.stability import characteristic, closed_loop_matrix, routh_hurwitz
 from design.spec.load import builtin_names, load

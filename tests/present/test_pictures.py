@@ -9,9 +9,9 @@ from PIL import Image
 from design.analysis.loop_curves import loop_curves
 from design.analysis.simulate import simulate
 from design.errors import BadInput
+from design.model.broken_loop import breaks
 from design.model.closed_loop import closed_loop
 from design.model.laws import Gains
-from design.model.margins import breaks
 from design.present import plots
 from design.present.animation import gif_bytes
 from design.spec.load import load

@@ -9,9 +9,10 @@ import pytest
 from design.analysis.objectives import OBJECTIVES
 from design.analysis.verdict import judge
 from design.errors import BadInput
+from design.model.broken_loop import breaks
 from design.model.laws import Gains
 from design.model.limits import Required
-from design.model.margins import breaks, loop_margins, margin_pieces, near_crossings
+from design.model.margins import loop_margins, margin_pieces, near_crossings
 from design.spec.load import load
 from design.spec.setting import setting
 from problems import gains, sensitivity

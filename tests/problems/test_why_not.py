@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from design.model.limits import Required
-from design.present.synthesis import _why_lines
+from design.present.synthesis import why_lines
 from design.spec.load import load
 from design.spec.setting import setting
 from problems import gains, whynot
@@ -56,7 +56,7 @@ def test_without_time_nothing_is_concluded():
     assert not found.complete
     assert not found.relaxations
     assert set(found.conflict) == {"contact-force", "decay-rate", "torque"}  # none was ruled out
-    said = " ".join(_why_lines(found))
+    said = " ".join(why_lines(found))
     assert "Time ran out" in said
     assert "each can be met" not in said
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import cli
@@ -736,6 +736,7 @@ def test_extreme_gains_take_neither_gigabytes_nor_minutes(gains, tmp_path):
         },
     )
 )
+@example(values={"mass_kg": 749.0, "inertia_kgm2": 0.001, "angle_deg": 0.0})
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_run_of_any_allowed_spec_is_strict_json(values, poise, tmp_path):
     text = put(put(SLOPE, duration_s="0.5", time_step_s="0.005"), **{key: repr(value) for key, value in values.items()})

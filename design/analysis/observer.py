@@ -24,6 +24,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from design.errors import BadInput
 from design.model.body import Biped
 from design.model.laws import Measurement
 from design.model.sensing import Sensors
@@ -193,7 +194,8 @@ def observer(
 ) -> Observer:
     """The observer that is best on average for these ``sensors`` if the force walks by ``walk`` [N/√s].
 
-    What is missing in a force that is ``known`` walks by ``MISSING`` times as much.
+    What is missing in a force that is ``known`` walks by ``MISSING`` times as much. Raises ``BadInput`` for a body
+    that falls too far within a ``period`` to be observed.
     """
     if known is not None:
         walk *= MISSING
@@ -218,9 +220,13 @@ def _gains(
     drift = walk**2 * period
     measured = 2 if math.isfinite(rate) else 1
     C, R = np.eye(measured, 3), np.diag([angle, rate][:measured])
-    P = scipy.linalg.solve_discrete_are(A.T, C.T, np.diag([0.0, 0.0, drift]), R)
     K = np.zeros((3, 2))
-    K[:, :measured] = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+    try:
+        P = scipy.linalg.solve_discrete_are(A.T, C.T, np.diag([0.0, 0.0, drift]), R)
+        K[:, :measured] = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+    except np.linalg.LinAlgError as error:
+        message = f"the body falls {A[0, 0]:.2g}-fold within a sample of {period:g} s; needs samples closer together"
+        raise BadInput(message, key="body") from error
     load = 2 * _variance(sensors.force, sensors.force_step) + 1e-3**2
     predicted = 0.5 * (drift + math.sqrt(drift**2 + 4 * drift * load))
     return tuple((float(a), float(b)) for a, b in K), predicted / (predicted + load)

@@ -10,6 +10,7 @@ import numpy as np
 from design.analysis.estimate import Signals, at_rest, dynamic, evenly, static
 from design.analysis.simulate import Trajectory, simulate
 from design.analysis.verdict import coarse_step
+from design.errors import BadInput
 from design.model.laws import LawKind
 from design.present import opening, plots, store, terminal, text
 from design.spec.setting import Setting
@@ -79,9 +80,9 @@ def estimates(problem: Setting, run: Trajectory) -> dict[str, Any] | None:
     given = (problem.biped, signals, problem.sensors, problem.tolerances)
     try:
         rest = at_rest(*given, problem.target)
-    except ValueError:
+        moving = dynamic(*given, walk=problem.tuning.walk * problem.biped.weight)
+    except (ValueError, BadInput):
         return None
-    moving = dynamic(*given, walk=problem.tuning.walk * problem.biped.weight)
     truth = np.array([np.interp(signals.t, run.t, part) for part in run.F])
     later = signals.t >= signals.t[0] + min(SETTLED, 0.5 * (signals.t[-1] - signals.t[0]))
 
@@ -105,7 +106,7 @@ def estimates(problem: Setting, run: Trajectory) -> dict[str, Any] | None:
 
 def _estimate_lines(found: dict[str, Any] | None) -> list[str]:
     if found is None:
-        return ["  estimates    none: contact was lost, the body fell, or the run is too short"]
+        return ["  estimates    none: contact was lost, the body fell, or the run is too short or too coarse"]
     rest, moving = found["static"], found["dynamic"]
 
     def pair(values: list[float]) -> str:

@@ -6,7 +6,10 @@ import sys
 import pytest
 
 from design.own_code import _code, own_code
+from design.spec.load import load
+from design.spec.setting import setting
 from design.workers import processes
+from problems.comparison.study import Case, Task, perform
 
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="/proc is Linux's")
 
@@ -45,6 +48,27 @@ def test_a_worker_gets_its_own_code_once_and_the_code_is_what_the_files_hold():
     assert again < 0.02 * first  # copying ran a little code for the first time
     assert differing == []
     assert same
+
+
+@LINUX
+def test_a_worker_of_a_study_has_its_code_to_itself_from_its_first_row_on():
+    source = load("slope")
+    case = Case(text=source.text, seed=0, gains=(("force", setting(source.spec).gains),))
+    task = Task(controller="force", scenario=setting(source.spec).scenarios[0].name, trial=0)
+    with processes(1) as pool:
+        assert pool.submit(perform, case, task).result()["status"] == "kept"
+        left = pool.submit(own_code).result()
+    with processes(1) as pool:
+        pool.submit(_row_of_its_own, case, task).result()
+        unowned = pool.submit(own_code).result()
+    assert left < 0.02 * unowned
+
+
+def _row_of_its_own(case, task):
+    """The row, by what ``perform`` calls: the pages stay the files'."""
+    from problems.comparison.study import _perform
+
+    return _perform(case, task)
 
 
 @pytest.mark.parametrize("refused", ["/proc/self/pagemap", "/proc/self/mem"])

@@ -2,7 +2,7 @@
 
 The system keeps one copy of a library's code for all processes that run it. On some machines two cores that fetch the
 same code slow each other: on the virtual machine on which this was found, two workers of a study without any shared
-data did 1.6 times the work of one, and 1.95 times with a copy of the code each. A page that is private to the process
+data did 1.7 times the work of one, and 1.9 times with a copy of the code each. A page that is private to the process
 is copied by the kernel when it is written to; each is written with a byte that it holds, so that it stays as it was.
 """
 

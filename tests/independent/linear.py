@@ -160,22 +160,22 @@ def delay_margin(problem, gains, points):
     Crossings are the positive roots in w² of |P(jw)|² = |Q(jw)|².
     """
     P, Q = loop_polynomials(problem, gains, points)
-    difference = _squared_size(P) - _squared_size(Q)
-    least = math.inf
-    for p, q, crossing in zip(P, Q, roots(difference), strict=True):
-        real = np.abs(crossing.imag) <= 1e-9 * np.abs(crossing)
-        for square in crossing.real[real & (crossing.real > 0)]:
-            w = math.sqrt(square)
-            ratio = -np.polyval(q[::-1], 1j * w) / np.polyval(p[::-1], 1j * w)
-            lag = np.angle(ratio) % (2.0 * math.pi)
-            least = min(least, (lag or 2.0 * math.pi) / w)
-    return least
+    squares = roots(_squared_size(P) - _squared_size(Q))
+    real = (np.abs(squares.imag) <= 1e-9 * np.abs(squares)) & (squares.real > 0)
+    if not real.any():
+        return math.inf
+    w = np.sqrt(squares.real[real])
+    powers = (1j * w)[:, None] ** np.arange(P.shape[1])
+    which = np.nonzero(real)[0]
+    ratio = -(powers * Q[which]).sum(axis=1) / (powers * P[which]).sum(axis=1)
+    lag = np.angle(ratio) % (2.0 * math.pi)
+    return float((np.where(lag > 0, lag, 2.0 * math.pi) / w).min())
 
 
 def _squared_size(rising):
     """|p(jw)|² as coefficients of rising powers of w², (n, degree + 1)."""
     degree = rising.shape[1] - 1
-    square = np.zeros_like(rising)
+    square = np.zeros(rising.shape)
     for i in range(degree + 1):
         for j in range(degree + 1):
             if (i + j) % 2 == 0:

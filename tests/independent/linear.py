@@ -149,6 +149,14 @@ def _shifted(rising, sigma):
     return shifted
 
 
+def hurwitz_branches(problem, gains, points, sigma, unit):
+    """What must be positive at every operating point for a decay rate above ``sigma``; ``unit``: a frequency [1/s]."""
+    P, Q = loop_polynomials(problem, gains, points)
+    scaled = ((P + Q) / problem.body[2]).T * unit ** np.arange(P.shape[1])[:, None] / unit ** (P.shape[1] - 1)
+    q = _shifted(scaled, sigma / unit)
+    return np.concatenate([q[0], q[1]] if len(q) == 3 else [q[0], q[2], q[2] * q[1] - q[0]])
+
+
 def _hurwitz(rising):
     positive = all(c > 0 for c in rising)
     return positive and (len(rising) == 3 or rising[2] * rising[1] > rising[0] * rising[3])

@@ -6,7 +6,8 @@
 A line a spec: what Poise says, its value, the same by the independent simulator, the table's value, by how much Poise
 is better in per cent, CPU seconds. Poise is *worse* if by more than 0.05 %. It is *unsure* if it says so: an answer
 that not every start reached, or none. A requirement is *broken* if the independent simulator misses it by more than
-1e-5 of its level.
+5e-5 of its level, which is what the table allows itself. The time limit is one of the clock, so that on a busy machine
+more answers are late.
 """
 
 import argparse
@@ -18,12 +19,12 @@ import sys
 import tempfile
 from pathlib import Path
 
-from .evolution import TABLE, seeds_of
+from .evolution import TABLE, TRUSTED, seeds_of
 from .judge import judge
 from .problem import read
 
 WORSE = 5e-4
-BROKEN = 1e-5
+BROKEN = TRUSTED
 
 
 def poise(text, seconds):
@@ -96,7 +97,9 @@ def verdict_of(result):
             return "WORSE" + (" (unsure)" if result["unsure"] else "")
         return ""
     if feasible:
-        return "IMPOSSIBLE CLAIMED" if result["impossible"] else "none found"
+        if result["impossible"]:
+            return "IMPOSSIBLE CLAIMED"
+        return "time limit" if "time limit" in result["reason"].lower() else "none found"
     return ""
 
 
@@ -123,6 +126,7 @@ def summary(results):
             f"worse by more than {100 * WORSE:g} %: {len(worse)}, of which said to be unsure:"
             f" {sum('unsure' in v for v in worse)}",
             f"nothing found where there is something: {sum(v == 'none found' for v in verdicts)}",
+            f"not within the time limit: {sum(v == 'time limit' for v in verdicts)}",
             f"claimed impossible where it is not: {sum(v == 'IMPOSSIBLE CLAIMED' for v in verdicts)}",
             f"a requirement broken by the independent simulator: {sum(v.startswith('BROKEN') for v in verdicts)}",
             f"better than the table by more than {100 * WORSE:g} %:"

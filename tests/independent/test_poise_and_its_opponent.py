@@ -22,7 +22,7 @@ from .random_specs import random_spec
 pytestmark = pytest.mark.skipif(simulator.COMPILER is None, reason="no C compiler (cc, gcc or clang) on PATH")
 
 BUILT_IN = ("slope", "slope-step", "wind", "train", "adult-slope", "adult-foot", "everywhere")
-QUICK = ("seed 5", "seed 3", "seed 11")
+QUICK = ("seed 3", "seed 5", "seed 12")
 """Rows of the table whose synthesis takes a few seconds."""
 
 

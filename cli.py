@@ -7,14 +7,29 @@ needed, so that ``--help`` is quick.
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+import warnings
 from collections.abc import Callable
 from functools import partial, wraps
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import typer
+COMMAND = os.path.basename(sys.argv[0]).removesuffix(".exe") in ("poise", "cli.py", "__main__.py")
+"""Whether this process is the command, and not a program that imports it."""
+
+
+def _interrupted_at_start(number: int, frame: object) -> None:
+    os.write(2, b"poise: interrupted\n")
+    os._exit(130)
+
+
+if COMMAND:
+    signal.signal(signal.SIGINT, _interrupted_at_start)  # until `main` watches for it
+
+import typer  # noqa: E402
 
 app = typer.Typer(
     name="poise",
@@ -389,8 +404,13 @@ def main() -> None:
         sys.exit(BAD)
     from design.present import terminal
 
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # what libraries remark is for those who develop with them
     run = partial(app, standalone_mode=False, prog_name="poise")
-    sys.exit(terminal.ended(run, debug=debug, stops=(KeyboardInterrupt, typer.Abort)))
+    code = terminal.ended(run, debug=debug, stops=(KeyboardInterrupt, typer.Abort))
+    if COMMAND:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done; an interrupt of Python's own end says nothing
+    sys.exit(code)
 
 
 if __name__ == "__main__":

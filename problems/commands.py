@@ -42,6 +42,7 @@ def synthesize(
     spec: str, law: LawKind | None, search: Search, form: str, output: str | None, *, strict: bool
 ) -> tuple[str, str]:
     """What to print of the gains that are found, and the word of the status; the design is written to ``output``."""
+    store.check_writable(output)
     source, problem = opening.opened(spec, law, strict=strict)
     problem = with_objective(problem, search.maximise, search.minimise)
     if search.nominal:

@@ -236,6 +236,9 @@ def _lock(folder: Path, held: ExitStack) -> None:
             "wait for it, end it, or choose another folder"
         )
         raise BadInput(message, file=str(folder)) from None
+    except NotImplementedError:
+        message = "cannot hold a study: its file system has no locks (flock); choose a folder on a local disk"
+        raise BadInput(message, file=str(folder)) from None
     held.callback(lock.release)
     write(folder / HOLDER, dumps({"pid": os.getpid(), "host": platform.node()}))
     held.callback((folder / HOLDER).unlink, missing_ok=True)

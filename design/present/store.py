@@ -10,8 +10,10 @@ import json
 import math
 import os
 import platform
+import stat
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -149,11 +151,24 @@ def _replace(target: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        Path(name).chmod(0o666 & ~_umask())
+        _as_before(Path(name), target)
         Path(name).replace(target)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def _as_before(new: Path, target: Path) -> None:
+    """Give ``new`` the mode and, where the system lets it, the owner of the file that it is to replace, if any."""
+    try:
+        there = target.stat()
+    except FileNotFoundError:
+        new.chmod(0o666 & ~_umask())
+        return
+    if hasattr(os, "chown") and (there.st_uid, there.st_gid) != (new.stat().st_uid, new.stat().st_gid):
+        with suppress(PermissionError):
+            os.chown(new, there.st_uid, there.st_gid)
+    new.chmod(stat.S_IMODE(there.st_mode))
 
 
 def check_writable(*paths: str | None) -> None:

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from design.errors import BadInput
+from design.errors import BadInput, Infrastructure
 from design.model.laws import Gains
 from design.present.journal import Journal
 from design.present.store import gains_json, provenance
@@ -20,13 +20,15 @@ from design.spec.load import Source
 from design.spec.setting import Setting
 from design.workers import processes
 from problems.comparison.controllers import LAWS, NAMES, PREDICTIVE, SYNTHESIZED, eased
-from problems.comparison.study import Case, Row, check, key_of, study, tasks, with_options
+from problems.comparison.study import Alive, Case, Row, check, key_of, study, tasks, with_options
 from problems.comparison.summary import summary
 
 __all__ = ["Study", "conduct", "facts", "with_options"]
 
 Say = Callable[[str], None]
 
+CLUSTER_LIMIT_S = 20.0
+"""Time without a scheduler or without workers after which a study stops [s]."""
 SAME = "The spec has neither noise nor uncertainty: all trials of a scenario are the same, and count once."
 
 
@@ -80,17 +82,18 @@ def conduct(
         "seed": problem.study.seed,
         "versions": {name: version for name, version in provenance().items() if name != "python"},
     }
-    with _executor(jobs, dask, identity["versions"]) as (executor, window):
+    with _executor(jobs, dask, identity["versions"]) as (executor, window, alive):
         if folder is None:
             rows: list[Row] = []
-            rows += _followed(study(case, todo, executor, window), len(todo), 0, say)
+            rows += _followed(study(case, todo, executor, window, alive=alive), len(todo), 0, say)
             kept, torn = 0, 0
         else:
             with Journal.open(folder, identity, resume=resume) as journal:
                 kept, torn = len(journal.rows), journal.torn
                 there = {key_of(row) for row in journal.rows}
                 rest = [task for task in todo if task.key not in there]
-                for row in _followed(study(case, rest, executor, window), len(todo), len(todo) - len(rest), say):
+                coming = study(case, rest, executor, window, alive=alive)
+                for row in _followed(coming, len(todo), len(todo) - len(rest), say):
                     journal.append(row)
                 rows = list(journal.rows)
     asked = {task.key: place for place, task in enumerate(todo)}
@@ -152,10 +155,10 @@ def _followed(rows: Iterator[Row], wanted: int, there: int, say: Say) -> Iterato
 
 
 @contextmanager
-def _executor(jobs: int, dask: str | None, versions: Any) -> Iterator[tuple[Callable[[], Executor], int]]:
-    """A maker of executors, and how many tasks to have with one at a time."""
+def _executor(jobs: int, dask: str | None, versions: Any) -> Iterator[tuple[Callable[[], Executor], int, Alive]]:
+    """A maker of executors, how many tasks to have with one at a time, and what tells whether it is still there."""
     if dask is None:
-        yield (lambda: processes(jobs)), 2 * jobs
+        yield (lambda: processes(jobs)), 2 * jobs, lambda: None
         return
     try:
         from distributed import Client
@@ -174,7 +177,26 @@ def _executor(jobs: int, dask: str | None, versions: Any) -> Iterator[tuple[Call
             message = f"the scheduler at {dask!r} has no workers; start some with `dask worker {dask}`"
             raise BadInput(message, key="--dask")
         _same_versions(client, versions, dask)
-        yield client.get_executor, 2 * sum(workers.values())
+        yield client.get_executor, 2 * sum(workers.values()), _Cluster(client, dask).alive
+
+
+class _Cluster:
+    """Whether a dask cluster still is one: its scheduler answers and has workers."""
+
+    def __init__(self, client: Any, address: str) -> None:
+        self.client, self.address, self.last_seen = client, address, time.monotonic()
+
+    def alive(self) -> None:
+        """Raise ``Infrastructure`` if there has been no scheduler or no worker for ``CLUSTER_LIMIT_S``."""
+        try:
+            there = self.client.status == "running" and bool(self.client.nthreads())
+        except Exception:  # whatever a connection raises that breaks at this moment
+            there = False
+        if there:
+            self.last_seen = time.monotonic()
+        elif time.monotonic() - self.last_seen > CLUSTER_LIMIT_S:
+            message = f"the scheduler at {self.address!r}, or its last worker, has been gone for {CLUSTER_LIMIT_S:g} s"
+            raise Infrastructure(message)
 
 
 def _same_versions(client: Any, versions: Any, address: str) -> None:

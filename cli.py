@@ -330,6 +330,8 @@ def study(
     jobs: Annotated[int | None, typer.Option("--jobs", min=1, max=1024, help="Worker processes.")] = None,
     dask: Annotated[str | None, typer.Option("--dask", metavar="ADDRESS", help="Run on this dask cluster.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the study in the folder of -o.")] = False,
+    repair: Annotated[bool, typer.Option("--repair", help="With --resume: leave out damaged lines.")] = False,
+    force_new: Annotated[bool, typer.Option("--force-new", help="Begin anew; keep the old trials beside.")] = False,
     format: Form = "text",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FOLDER", help="Keep trials there.")] = None,
     strict: Strict = False,
@@ -343,7 +345,9 @@ def study(
     from problems import commands
 
     asked = (controllers, trials, seed, jobs, dask)
-    printed, complete = commands.study(spec, *asked, format, output, resume=resume, strict=strict)
+    printed, complete = commands.study(
+        spec, *asked, format, output, resume=resume, repair=repair, force_new=force_new, strict=strict
+    )
     terminal.deliver(printed, None)
     raise typer.Exit(MET if complete else UNDECIDED)
 

@@ -6,6 +6,7 @@ Hashes are over inputs only. JSON never holds NaN or infinity: what is not finit
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import math
 import os
@@ -54,6 +55,16 @@ def provenance() -> dict[str, str]:
         **{name: version(name) for name in ("casadi", "numpy", "scipy", "clarabel")},
         "python": platform.python_version(),
     }
+
+
+def code() -> str:
+    """The digest of Poise's own source files; rows of two versions of the code are not mixed."""
+    home = Path(__file__).resolve().parents[2]
+    files = sorted(path for package in ("design", "problems") for path in (home / package).rglob("*.py"))
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(path.relative_to(home).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def gains_json(gains: Gains) -> dict[str, float]:

@@ -14,14 +14,11 @@ from typing import TextIO
 
 from design.errors import BadInput, Infrastructure, PoiseError
 
-
 INTERRUPTED = 130
 
 
 def out(text: str) -> None:
     """Write a part of the result; a reader that has closed the stream changes nothing, a full disk is ``BadInput``."""
-    if sys.stdout is None:  # closed before the program began
-        return
     try:
         sys.stdout.write(text)
         sys.stdout.flush()
@@ -35,8 +32,6 @@ def out(text: str) -> None:
 
 def note(text: str) -> None:
     """A line beside the result, dropped where standard error is closed or full."""
-    if sys.stderr is None:
-        return
     try:
         sys.stderr.write(text + "\n")
         sys.stderr.flush()
@@ -68,6 +63,9 @@ def failed(error: Exception) -> None:
 
 def ended(run: Callable[[], object], *, debug: bool, stops: tuple[type[BaseException], ...]) -> int:
     """The exit code with which ``run`` ends: its own, 2 for an error, 130 for one of ``stops``; ``debug`` raises."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed before the program began
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # files and pipes get UTF-8, whatever the locale
             stream.reconfigure(encoding=None if stream.isatty() else "utf-8", errors="backslashreplace")

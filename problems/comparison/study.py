@@ -76,6 +76,10 @@ def tasks(problem: Setting, controllers: Iterable[str], trials: int) -> list[Tas
     ]
 
 
+HEAD = {"controller", "scenario", "trial", "status"}
+"""What every row has."""
+
+
 def key_of(row: Row) -> tuple[str, str, int]:
     """The key of the task that a row came from."""
     return (row["controller"], row["scenario"], -1 if row["trial"] is None else row["trial"])

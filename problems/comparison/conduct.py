@@ -28,6 +28,8 @@ __all__ = ["Study", "conduct", "facts", "with_options"]
 
 Say = Callable[[str], None]
 
+ANSWER_S = 5.0
+"""Time within which a scheduler must answer [s]."""
 CLUSTER_LIMIT_S = 20.0
 """Time without a scheduler or without workers after which a study stops [s]."""
 SAME = "The spec has neither noise nor uncertainty: all trials of a scenario are the same, and count once."
@@ -175,8 +177,11 @@ def _executor(jobs: int, dask: str | None, versions: Any) -> Iterator[tuple[Call
     except ImportError:
         message = "needs the package distributed; pip install 'poise[cluster]'"
         raise BadInput(message, key="--dask") from None
-    try:  # a client that finds no scheduler complains long after it was given up
-        socket.create_connection(parse_host_port(parse_address(dask)[1], 8786), timeout=5).close()
+    try:  # a client that finds no scheduler complains long after it was given up, or waits for ever
+        with socket.create_connection(parse_host_port(parse_address(dask)[1], 8786), timeout=ANSWER_S) as probe:
+            if not dask.startswith("tls:") and not probe.recv(1):  # a scheduler speaks first
+                message = "the connection was closed"
+                raise OSError(message)
     except (OSError, ValueError) as error:
         message = f"no scheduler answers at {dask!r} ({error}); start one with `dask scheduler`"
         raise BadInput(message, key="--dask") from None
@@ -199,7 +204,7 @@ class _Cluster:
     def alive(self) -> None:
         """Raise ``Infrastructure`` if there has been no scheduler or no worker for ``CLUSTER_LIMIT_S``."""
         try:
-            there = self.client.status == "running" and bool(self.client.nthreads())
+            there = self.client.status == "running" and bool(self.client.nthreads(callback_timeout=ANSWER_S))
         except Exception:  # whatever a connection raises that breaks at this moment
             there = False
         if there:

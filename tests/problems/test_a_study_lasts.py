@@ -4,6 +4,7 @@ import json
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -125,6 +126,17 @@ def test_the_rows_are_the_same_on_a_dask_cluster(cluster):
 def test_where_no_scheduler_answers_one_line_says_so():
     with pytest.raises(BadInput, match="no scheduler answers"):
         conduct(parse(NOISY, origin="noisy"), _problem(), ["force"], dask="tcp://127.0.0.1:9")
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_something_that_listens_and_never_answers_is_given_up():
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        began = time.monotonic()
+        with pytest.raises(BadInput, match=r"no scheduler answers.*timed out"):
+            conduct(parse(NOISY, origin="noisy"), _problem(), ["force"], dask=f"127.0.0.1:{silent.getsockname()[1]}")
+        assert time.monotonic() - began < 60
 
 
 # ---- failures

@@ -12,7 +12,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable
-from functools import partial, wraps
+from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -383,6 +383,16 @@ def explain(row: Annotated[str, typer.Argument(metavar="ROW", help="A row's id, 
     terminal.out(page(row) + "\n")
 
 
+@app.command()
+def doctor() -> None:
+    """Print versions, optional parts, cores, and the result of a self-test; exit code 0 if all is well, else 2."""
+    from design.present import doctor, terminal
+
+    text, sound = doctor.examination(terminal.cores())
+    terminal.out(text)
+    raise typer.Exit(MET if sound else BAD)
+
+
 def _shadow() -> str | None:
     """The file that another program's ``design`` or ``problems`` would be loaded from, if it comes before ours."""
     from importlib.util import find_spec
@@ -410,7 +420,14 @@ def main() -> None:
 
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # what libraries remark is for those who develop with them
-    run = partial(app, standalone_mode=False, prog_name="poise")
+
+    def run() -> object:
+        from design.present.doctor import check_versions
+
+        if "doctor" not in sys.argv:
+            check_versions()
+        return app(standalone_mode=False, prog_name="poise")
+
     code = terminal.ended(run, debug=debug, stops=(KeyboardInterrupt, typer.Abort))
     if COMMAND:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done; an interrupt of Python's own end says nothing

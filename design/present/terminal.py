@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TextIO
@@ -15,6 +16,7 @@ from typing import TextIO
 from design.errors import BadInput, Infrastructure, PoiseError
 
 INTERRUPTED = 130
+BUG_REPORT = "poise-bug-report.txt"
 
 
 def out(text: str) -> None:
@@ -57,12 +59,28 @@ def failed(error: Exception) -> None:
         error.show(shown)  # type: ignore[attr-defined]
         note(shown.getvalue().rstrip())
         return
-    said = " ".join(str(error).split())[:200]
-    note(f"poise: internal error: {type(error).__name__}: {said}; rerun with --debug")
+    if isinstance(error, ImportError):
+        note(f"poise: {error}; a package is missing or broken: pip install --force-reinstall poise; see `poise doctor`")
+        return
+    line = " ".join(str(error).split())[:200]
+    note(f"poise: internal error: {type(error).__name__}: {line}; rerun with --debug, which writes a report of it")
+
+
+def _report(error: Exception) -> None:
+    """Write what a bug report needs to a file, and show the traceback."""
+    from design.present.doctor import bug_report
+    from design.present.store import write
+
+    traceback.print_exception(error)
+    write(BUG_REPORT, bug_report(error, sys.argv[1:]))
+    note(f"poise: {BUG_REPORT} holds what a bug report needs; it names no folder of yours")
 
 
 def ended(run: Callable[[], object], *, debug: bool, stops: tuple[type[BaseException], ...]) -> int:
-    """The exit code with which ``run`` ends: its own, 2 for an error, 130 for one of ``stops``; ``debug`` raises."""
+    """The exit code with which ``run`` ends: its own, 2 for an error, 130 for one of ``stops``.
+
+    ``debug`` raises what Poise says on purpose, and reports every other error.
+    """
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed before the program began
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
@@ -84,9 +102,9 @@ def ended(run: Callable[[], object], *, debug: bool, stops: tuple[type[BaseExcep
         note("poise: there is not enough memory; shorten the scenarios, lengthen the time step, or use fewer --jobs")
         return 2
     except Exception as error:
-        if debug and not is_usage(error):
-            raise
         failed(error)
+        if debug and not is_usage(error):
+            _report(error)
         return 2
     if code == INTERRUPTED:  # typer makes this exit code of an interrupt
         for child in multiprocessing.active_children():  # whatever they do: nobody waits for it

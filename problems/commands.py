@@ -42,6 +42,7 @@ def synthesize(
     spec: str, law: LawKind | None, search: Search, form: str, output: str | None, *, strict: bool
 ) -> tuple[str, str]:
     """What to print of the gains that are found, and the word of the status; the design is written to ``output``."""
+    store.check_writable(output)
     source, problem = opening.opened(spec, law, strict=strict)
     problem = with_objective(problem, search.maximise, search.minimise)
     if search.nominal:
@@ -126,6 +127,8 @@ def study(
     output: str | None,
     *,
     resume: bool,
+    repair: bool,
+    force_new: bool,
     strict: bool,
 ) -> tuple[str, bool]:
     """What to print of a comparison, and whether it is complete; its trials are kept in the folder ``output``."""
@@ -135,10 +138,19 @@ def study(
     source, problem = opening.opened(spec, strict=strict)
     names = [name.strip() for name in controllers.split(",")] if controllers else None
     problem, names = conduct.with_options(problem, trials=trials, seed=seed, controllers=names)
-    study_folder.check(output, resume=resume)
+    study_folder.check(output, resume=resume or repair or force_new)
     with terminal.progress() as say, terminal.terminated_like_interrupted(), study_folder.kept(output):
         found = conduct.conduct(
-            source, problem, names, folder=output, resume=resume, jobs=jobs or terminal.cores(), dask=dask, say=say
+            source,
+            problem,
+            names,
+            folder=output,
+            resume=resume,
+            repair=repair,
+            force_new=force_new,
+            jobs=jobs or terminal.cores(),
+            dask=dask,
+            say=say,
         )
     document = store.document("study", source, **conduct.facts(found, problem))
     if output:

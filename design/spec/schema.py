@@ -19,6 +19,8 @@ SCHEMA_VERSION = 1
 
 MAX_STEPS = 2_000_000
 """The largest number of integration steps of one scenario."""
+MAX_TOTAL_STEPS = 20_000_000
+"""The largest number of integration steps of all scenarios together; each is kept in memory while it is judged."""
 
 
 class BodyTable(Table):
@@ -297,6 +299,13 @@ class Spec(Table):
             message = (
                 f"law.cop_target_m = {self.law.cop_target_m:g} is not within the foot; needs more than {-heel:g} (the"
                 f" heel) and less than {toe:g} (the toe)"
+            )
+            raise ValueError(message)
+        total = sum(scenario.duration_s for scenario in self.scenarios) / self.simulation.time_step_s
+        if total > MAX_TOTAL_STEPS:
+            message = (
+                f"scenarios need {total:.3g} steps of simulation.time_step_s together; at most {MAX_TOTAL_STEPS:,};"
+                " shorten or split the spec, or lengthen the step"
             )
             raise ValueError(message)
         for index, scenario in enumerate(self.scenarios):

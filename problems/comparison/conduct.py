@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -11,22 +12,26 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from design.errors import BadInput
+from design.errors import BadInput, Infrastructure
 from design.model.laws import Gains
 from design.present.journal import Journal
-from design.present.store import gains_json, provenance
+from design.present.store import code, gains_json, provenance
 from design.solvers.outcome import Status
 from design.spec.load import Source
 from design.spec.setting import Setting
 from design.workers import processes
 from problems.comparison.controllers import LAWS, NAMES, PREDICTIVE, SYNTHESIZED, eased
-from problems.comparison.study import Case, Row, check, key_of, study, tasks, with_options
+from problems.comparison.study import HEAD, Alive, Case, Row, check, key_of, study, tasks, with_options
 from problems.comparison.summary import summary
 
 __all__ = ["Study", "conduct", "facts", "with_options"]
 
 Say = Callable[[str], None]
 
+ANSWER_S = 5.0
+"""Time within which a scheduler must answer [s]."""
+CLUSTER_LIMIT_S = 20.0
+"""Time without a scheduler or without workers after which a study stops [s]."""
 SAME = "The spec has neither noise nor uncertainty: all trials of a scenario are the same, and count once."
 
 
@@ -34,7 +39,8 @@ SAME = "The spec has neither noise nor uncertainty: all trials of a scenario are
 class Study:
     """What was asked and what came of it: ``rows``, the ``gains`` of laws, who was ``left_out`` and why.
 
-    ``resumed`` counts the rows that were there before; ``wanted`` those of the whole study.
+    ``wanted`` counts the rows of the whole study; ``journal`` the rows that were there before (``resumed``), and the
+    lines that were left out because they were torn, damaged, incomplete, or of a trial that was there already.
     """
 
     controllers: tuple[str, ...]
@@ -44,9 +50,8 @@ class Study:
     gains: dict[str, Gains]
     left_out: dict[str, str]
     rows: list[Row]
-    resumed: int
     wanted: int
-    torn: int
+    journal: dict[str, int]
 
 
 def conduct(
@@ -56,6 +61,8 @@ def conduct(
     *,
     folder: str | None = None,
     resume: bool = False,
+    repair: bool = False,
+    force_new: bool = False,
     jobs: int = 1,
     dask: str | None = None,
     say: Say = lambda _: None,
@@ -78,21 +85,29 @@ def conduct(
         "controllers": list(names),
         "gains": {name: gains_json(its) for name, its in gains.items()},
         "seed": problem.study.seed,
-        "versions": {name: version for name, version in provenance().items() if name != "python"},
+        "versions": {**{name: version for name, version in provenance().items() if name != "python"}, "code": code()},
     }
-    with _executor(jobs, dask, identity["versions"]) as (executor, window):
+    with _executor(jobs, dask, identity["versions"]) as (executor, window, alive):
         if folder is None:
             rows: list[Row] = []
-            rows += _followed(study(case, todo, executor, window), len(todo), 0, say)
-            kept, torn = 0, 0
+            rows += _followed(study(case, todo, executor, window, alive=alive), len(todo), 0, say)
+            lines = {}
         else:
-            with Journal.open(folder, identity, resume=resume) as journal:
-                kept, torn = len(journal.rows), journal.torn
-                there = {key_of(row) for row in journal.rows}
+            with Journal.open(folder, identity, resume=resume, repair=repair, force_new=force_new) as journal:
+                whole = [row for row in journal.rows if HEAD <= row.keys()]
+                there = {key_of(row): row for row in reversed(whole)}
+                lines = {
+                    "resumed": len(there),
+                    "torn": journal.torn,
+                    "damaged": journal.damaged,
+                    "incomplete": len(journal.rows) - len(whole),
+                    "duplicated": len(whole) - len(there),
+                }
                 rest = [task for task in todo if task.key not in there]
-                for row in _followed(study(case, rest, executor, window), len(todo), len(todo) - len(rest), say):
+                coming = study(case, rest, executor, window, alive=alive)
+                for row in _followed(coming, len(todo), len(todo) - len(rest), say):
                     journal.append(row)
-                rows = list(journal.rows)
+                rows = list({key_of(row): row for row in reversed(journal.rows) if HEAD <= row.keys()}.values())
     asked = {task.key: place for place, task in enumerate(todo)}
     rows = sorted((row for row in rows if key_of(row) in asked), key=lambda row: asked[key_of(row)])
     return Study(
@@ -103,9 +118,8 @@ def conduct(
         gains=gains,
         left_out=left_out,
         rows=[json.loads(json.dumps(row)) for row in rows],
-        resumed=kept,
         wanted=len(todo),
-        torn=torn,
+        journal=lines,
     )
 
 
@@ -152,10 +166,10 @@ def _followed(rows: Iterator[Row], wanted: int, there: int, say: Say) -> Iterato
 
 
 @contextmanager
-def _executor(jobs: int, dask: str | None, versions: Any) -> Iterator[tuple[Callable[[], Executor], int]]:
-    """A maker of executors, and how many tasks to have with one at a time."""
+def _executor(jobs: int, dask: str | None, versions: Any) -> Iterator[tuple[Callable[[], Executor], int, Alive]]:
+    """A maker of executors, how many tasks to have with one at a time, and what tells whether it is still there."""
     if dask is None:
-        yield (lambda: processes(jobs)), 2 * jobs
+        yield (lambda: processes(jobs)), 2 * jobs, lambda: None
         return
     try:
         from distributed import Client
@@ -163,18 +177,41 @@ def _executor(jobs: int, dask: str | None, versions: Any) -> Iterator[tuple[Call
     except ImportError:
         message = "needs the package distributed; pip install 'poise[cluster]'"
         raise BadInput(message, key="--dask") from None
-    try:  # a client that finds no scheduler complains long after it was given up
-        socket.create_connection(parse_host_port(parse_address(dask)[1], 8786), timeout=5).close()
+    try:  # a client that finds no scheduler complains long after it was given up, or waits for ever
+        with socket.create_connection(parse_host_port(parse_address(dask)[1], 8786), timeout=ANSWER_S) as probe:
+            if not dask.startswith("tls:") and not probe.recv(1):  # a scheduler speaks first
+                message = "the connection was closed"
+                raise OSError(message)
     except (OSError, ValueError) as error:
         message = f"no scheduler answers at {dask!r} ({error}); start one with `dask scheduler`"
         raise BadInput(message, key="--dask") from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what it logs is said in one line below
     with Client(dask, timeout=10, set_as_default=False) as client:
         workers = client.nthreads()
         if not workers:
             message = f"the scheduler at {dask!r} has no workers; start some with `dask worker {dask}`"
             raise BadInput(message, key="--dask")
         _same_versions(client, versions, dask)
-        yield client.get_executor, 2 * sum(workers.values())
+        yield client.get_executor, 2 * sum(workers.values()), _Cluster(client, dask).alive
+
+
+class _Cluster:
+    """Whether a dask cluster still is one: its scheduler answers and has workers."""
+
+    def __init__(self, client: Any, address: str) -> None:
+        self.client, self.address, self.last_seen = client, address, time.monotonic()
+
+    def alive(self) -> None:
+        """Raise ``Infrastructure`` if there has been no scheduler or no worker for ``CLUSTER_LIMIT_S``."""
+        try:
+            there = self.client.status == "running" and bool(self.client.nthreads(callback_timeout=ANSWER_S))
+        except Exception:  # whatever a connection raises that breaks at this moment
+            there = False
+        if there:
+            self.last_seen = time.monotonic()
+        elif time.monotonic() - self.last_seen > CLUSTER_LIMIT_S:
+            message = f"the scheduler at {self.address!r}, or its last worker, has been gone for {CLUSTER_LIMIT_S:g} s"
+            raise Infrastructure(message)
 
 
 def _same_versions(client: Any, versions: Any, address: str) -> None:
@@ -191,7 +228,7 @@ def _same_versions(client: Any, versions: Any, address: str) -> None:
 
 
 def _versions() -> dict[str, str]:
-    return provenance()
+    return {**provenance(), "code": code()}
 
 
 def _eased(problem: Setting, study: Study) -> str:
@@ -205,6 +242,12 @@ def _eased(problem: Setting, study: Study) -> str:
         for row, level in eased(problem).items()
     ]
     return "; ".join(parts) + "." if parts else ""
+
+
+def _left_out(study: Study) -> str:
+    """Which lines of the journal did not count."""
+    parts = [f"{count} {kind}" for kind, count in study.journal.items() if count and kind != "resumed"]
+    return f"Lines of the journal that were left out, their trials run again: {', '.join(parts)}." if parts else ""
 
 
 def facts(study: Study, problem: Setting) -> dict[str, Any]:
@@ -221,6 +264,9 @@ def facts(study: Study, problem: Setting) -> dict[str, Any]:
         "reference": study.reference,
         "gains": {name: gains_json(its) for name, its in study.gains.items()},
         "left_out": study.left_out,
-        "remark": " ".join(filter(None, [SAME if repeated and study.trials > 1 else "", _eased(problem, study)])),
+        "journal": study.journal,
+        "remark": " ".join(
+            filter(None, [SAME if repeated and study.trials > 1 else "", _eased(problem, study), _left_out(study)])
+        ),
         "controllers": summary(study.rows, study.reference, repeated=repeated),
     }

@@ -1,28 +1,28 @@
 """Every controller through every scenario, trial by trial, wherever an executor runs them.
 
 A ``Task`` is plain data; the worker rebuilds the problem from the spec's text. Its row depends on the task alone, not
-on which worker ran it, on the order, or on what ran before. A trial that fails is a row that says so; one that takes
-its worker with it is tried once more alone, and is a row then.
+on which worker ran it, on the order, or on what ran before. A trial that fails is a row that says so. One whose worker
+ends, stops or exceeds its limit is tried once more alone, and is a row then. What befalls the infrastructure, a lost
+scheduler, a cancelled task, no memory, is never a row: it raises ``Infrastructure``, and the study can be continued.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
-import multiprocessing
 import threading
+import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from design.errors import BadInput
+from design import workers
+from design.errors import BadInput, Infrastructure
 from design.model.laws import Gains
-from design.own_code import own_code
 from design.spec.load import parse
 from design.spec.setting import Setting, setting
 from problems.comparison.controllers import actuator, controller
@@ -34,7 +34,12 @@ Row = dict[str, Any]
 
 _ONE_AT_A_TIME = threading.Lock()
 """A worker may have threads, as dask's do; solvers and buffers are built for one."""
-_DONE = itertools.count(1)
+TRIAL_LIMIT_S = 600.0
+"""Time within which a trial must end [s]; a longer one counts as hung."""
+WATCH_S = 1.0
+"""Time between two looks at whether the workers still work [s]."""
+Alive = Callable[[], None]
+"""Raises ``Infrastructure`` if what runs the trials is gone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +74,10 @@ def tasks(problem: Setting, controllers: Iterable[str], trials: int) -> list[Tas
         for scenario in problem.scenarios
         for name in names
     ]
+
+
+HEAD = {"controller", "scenario", "trial", "status"}
+"""What every row has."""
 
 
 def key_of(row: Row) -> tuple[str, str, int]:
@@ -115,11 +124,7 @@ def _world(text: str, scenario: str, trial: int, seed: int) -> World:
 def perform(case: Case, task: Task) -> Row:
     """The row of ``task``; runs in a worker. Never raises for what a controller does."""
     with _ONE_AT_A_TIME:
-        row = _perform(case, task)
-        done = next(_DONE)
-        if done & (done - 1) == 0 and multiprocessing.parent_process() is not None:  # 1, 2, 4, 8, ...: ever less is new
-            own_code()
-        return row
+        return _perform(case, task)
 
 
 def _perform(case: Case, task: Task) -> Row:
@@ -135,55 +140,86 @@ def _perform(case: Case, task: Task) -> Row:
     return {**row, "trace": trace(happened)} if task.trial == 0 else row
 
 
-def study(case: Case, todo: Iterable[Task], executor: Callable[[], Executor], window: int) -> Iterator[Row]:
-    """The rows of ``todo`` as they end; ``window`` tasks are with the ``executor`` at a time."""
+def study(
+    case: Case,
+    todo: Iterable[Task],
+    executor: Callable[[], Executor],
+    window: int,
+    *,
+    limit: float = TRIAL_LIMIT_S,
+    alive: Alive = lambda: None,
+) -> Iterator[Row]:
+    """The rows of ``todo`` as they end; ``window`` tasks are with the ``executor`` at a time.
+
+    A trial may take ``limit`` [s]. ``alive`` is called while there is nothing to do but wait. Raises
+    ``Infrastructure``.
+    """
     waiting = list(reversed(list(todo)))
     pool = executor()
-    flying: dict[Future[Row], Task] = {}
+    running: dict[Future[Row], tuple[Task, float]] = {}
     try:
-        while waiting or flying:
-            while waiting and len(flying) < window:
+        while waiting or running:
+            # keep the window full
+            while waiting and len(running) < window:
                 task = waiting.pop()
-                flying[pool.submit(perform, case, task)] = task
-            done, _ = wait(flying, return_when=FIRST_COMPLETED)
+                running[pool.submit(perform, case, task)] = (task, time.monotonic())
+            # collect what has ended
+            done = _ended(pool, running, 2 * limit, alive)  # a task may wait for one before it
             broken: list[Task] = []
             for future in done:
-                task = flying.pop(future)
+                task, _ = running.pop(future)
                 row = _row(future, task)
                 if row is None:
                     broken.append(task)
                 else:
                     yield row
-            if broken:  # the pool is gone, and with it all that was under way
-                broken += flying.values()
-                _close(pool, flying)
-                flying.clear()
+            # the pool is gone, and with it all that was under way: once more, each alone
+            if broken:
+                broken += [task for task, _ in running.values()]
+                workers.end(pool, running)
+                running.clear()
                 for task in broken:
-                    yield _alone(case, task, executor)
+                    yield _alone(case, task, executor, limit, alive)
                 pool = executor()
     finally:
-        _close(pool, flying)
+        workers.end(pool, running)
 
 
-def _close(pool: Executor, flying: Iterable[Future[Row]]) -> None:
-    """End ``pool`` without waiting; what has not begun never does."""
-    for future in flying:
-        future.cancel()
-    pool.shutdown(wait=False)
+def _ended(
+    pool: Executor, running: dict[Future[Row], tuple[Task, float]], limit: float, alive: Alive
+) -> set[Future[Row]]:
+    """The futures that have ended, once there are some; workers that are silent or late are killed first."""
+    while True:
+        done, _ = wait(running, timeout=WATCH_S, return_when=FIRST_COMPLETED)
+        late = time.monotonic() - min(since for _, since in running.values()) > limit
+        if isinstance(pool, workers.Workers) and (late or pool.silent()):
+            pool.end()
+        elif not done:
+            alive()
+        if done:
+            return done
 
 
-def _alone(case: Case, task: Task, executor: Callable[[], Executor]) -> Row:
-    with executor() as pool:
-        row = _row(pool.submit(perform, case, task), task)
-    return row or _no_row(task, "crashed", "its worker ended, twice")
+def _alone(case: Case, task: Task, executor: Callable[[], Executor], limit: float, alive: Alive) -> Row:
+    pool = executor()
+    future = pool.submit(perform, case, task)
+    try:
+        _ended(pool, {future: (task, time.monotonic())}, limit, alive)
+        row = _row(future, task)
+    finally:
+        workers.end(pool, [future])
+    return row or _no_row(task, "crashed", f"its worker ended, stopped, or took longer than {limit:g} s, twice")
 
 
 def _row(future: Future[Row], task: Task) -> Row | None:
-    """What came of a task; None if its worker is gone."""
+    """What came of a task; None if its worker is gone. Raises ``Infrastructure`` for what is not the trial's doing."""
     try:
         return future.result()
     except BrokenExecutor:
         return None
+    except (CancelledError, MemoryError, OSError) as error:
+        message = f"a task was not run: {type(error).__name__}: {error}"[:200]
+        raise Infrastructure(message) from None
     except Exception as error:
         return _no_row(task, "failed", f"{type(error).__name__}: {error}"[:200])
 

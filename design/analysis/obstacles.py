@@ -4,21 +4,27 @@ Each obstacle is a proof. None found proves nothing. With sigma the required dec
 -sigma or left of it, the shifted polynomial has q_2, q_1, q_0 >= 0, so that p_2 >= 3 sigma, p_1 >= 3 sigma² and
 p_0 >= sigma³; each p_i of (25) is largest at a corner of the gain bounds. (29) divided by K_p K_d ell reads
 1 - K_f I/(ell K_d) - A L/K_p > 0, and its left side is largest at the corner (K_p, K_d high, K_f low).
+That the body falls whatever the ankle does is proved by ``design.analysis.capture``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from design.analysis.beyond import Beyond, beyond
+from design.analysis.capture import Ankle, falls_to
 from design.model.deciding import deciding_points
 from design.model.environment import Scenario
 from design.model.limits import Required
 from design.model.stability import characteristic, routh_hurwitz
 from design.spec.setting import Setting
+
+CAPTURE = "capture"
+"""Id of the obstacle that no ankle survives a scenario."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,26 +37,26 @@ class Obstacle:
     required: float
     unit: str
     why: str
+    physical: bool = False
+    """Whether no gains and no requirement stand in the way, but the body, the foot and the scenario themselves."""
 
     def __str__(self) -> str:
+        if self.id == CAPTURE:
+            return self.why
         place = f" in scenario {self.scenario!r}" if self.scenario else ""
         return f"{self.id}{place}: at best {self.value:.6g} {self.unit}, needs {self.required:.6g}; {self.why}"
 
 
 def obstacles(setting: Setting) -> list[Obstacle]:
-    """All obstacles that are found, for ``setting`` with gain bounds; fewer are looked for where foot or target differ.
+    """All obstacles that are found, for ``setting`` with gain bounds; those of capture only where there are no others.
 
-    What is said of capture and poles holds for the paper's foot with P_d = 0.
+    What is said of poles holds for the paper's foot with P_d = 0.
     """
     loads = [obstacle for scenario in setting.scenarios for obstacle in _load(setting, scenario)]
-    if not setting.plain:
-        return [*_foot(setting), *loads]
-    return [
-        *_foot(setting),
-        *loads,
-        *(obstacle for scenario in setting.scenarios for obstacle in _capture(setting, scenario)),
-        *(obstacle for scenario in setting.scenarios for obstacle in _poles(setting, scenario)),
-    ]
+    simple = [*_foot(setting), *loads]
+    if setting.plain:
+        simple += [obstacle for scenario in setting.scenarios for obstacle in _poles(setting, scenario)]
+    return simple or list(_capture(setting))
 
 
 def _level(setting: Setting, id: str) -> float:
@@ -100,42 +106,37 @@ def _load(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
         )  # fmt: skip
 
 
-def _capture(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
-    """From rest under a force that is constant from t = 0, when the weight's line misses the foot.
+def _capture(setting: Setting) -> Iterator[Obstacle]:
+    for each, physical in beyond_ankles(setting):
+        yield Obstacle(
+            id=CAPTURE, scenario=each.scenario, value=each.survivable, required=each.size, unit=each.unit,
+            why=each.sentence(setting.biped), physical=physical,
+        )  # fmt: skip
 
-    Let e = |theta - theta_f| grow on the side on which theta lies. The load is then at most that at rest, so that
-    I e'' >= d + A L (sin e - sin e_0) with d = A L sin e_0 - ell (load - 2 level) > 0, whatever the ankle does. The
-    chord of the sine gives e - e_0 >= d/k (cosh(w t) - 1), k = A L (1 - sin e_0)/(pi/2 - e_0), w² = k/I, until
-    e = pi/2, and at least that speed for the rest of the way to |theta| = pi/2. The biped has fallen by then; it is
-    infeasible if the scenario is watched so long.
+
+def beyond_ankles(setting: Setting, names: Collection[str] | None = None) -> Iterator[tuple[Beyond, bool]]:
+    """The scenarios, of those called ``names``, that no ankle survives which keeps the hard requirements.
+
+    And whether none does that only keeps the foot on the ground, with any torque.
     """
-    if len(scenario.breakpoints) or np.ptp(scenario.signal, axis=1).any():
-        return
-    biped, level = setting.biped, _level(setting, "contact-force")
-    F_x, F_y = scenario.force_on((0.0, scenario.duration), np.array([0.0]))[:, 0]
-    theta_f = math.atan2(-F_x, biped.M * biped.g - F_y)
-    AL = math.hypot(biped.M * biped.g - F_y, F_x) * biped.L
-    lean = scenario.theta0 - theta_f
-    side, e_0 = math.copysign(1.0, lean), abs(lean)
-    away = side * scenario.theta0 >= 0 and side * scenario.omega0 >= 0 and side * theta_f <= 0
-    d = AL * math.sin(e_0) - biped.ell * max(biped.weight - F_y - 2 * level, 0.0)
-    if not away or e_0 + abs(theta_f) >= 0.5 * math.pi or d <= 0:
-        return
-    k = AL * (1 - math.sin(e_0)) / (0.5 * math.pi - e_0)
-    w = math.sqrt(k / biped.I)
-    reached = math.acosh(1 + k / d * (0.5 * math.pi - e_0)) / w
-    speed = d / k * w * math.sinh(w * reached)
-    if reached + abs(theta_f) / speed > scenario.duration:
-        return
-    held = biped.ell * max(biped.weight - F_y - 2 * level, 0.0)
-    yield Obstacle(
-        id="step-slope", scenario=scenario.name, value=math.degrees(math.asin(min(held / AL, 1.0))),
-        required=math.degrees(e_0), unit="deg",
-        why=(
-            f"the resultant force passes {biped.L * math.sin(e_0):.4g} m from the ankle and the foot holds"
-            f" {held / AL * biped.L:.4g} m (capturability: no ankle controller can keep contact)"
-        ),
+    torque = setting.required.get("torque")
+    ankle = Ankle(
+        level=_level(setting, "contact-force"), margin=_level(setting, "cop-margin"),
+        torque=math.inf if torque is None or torque.soft else torque.level, at_rest=_rests(setting),
     )  # fmt: skip
+    for scenario in setting.scenarios:
+        if names is not None and scenario.name not in names:
+            continue
+        side = falls_to(setting.biped, scenario, ankle)
+        if side:
+            bare = Ankle(at_rest=ankle.at_rest)
+            yield beyond(setting.biped, scenario, ankle, side), falls_to(setting.biped, scenario, bare) != 0
+
+
+def _rests(setting: Setting) -> bool:
+    """Whether the law leaves an upright body alone that no force acts on: the torque is 0, and so is F_H - F_T."""
+    known = setting.known or setting.biped
+    return setting.theta_d == 0.0 and (setting.law == "pd" or (setting.plain and known.plain))
 
 
 def _poles(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:

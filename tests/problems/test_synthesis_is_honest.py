@@ -89,6 +89,15 @@ def test_capturability_proof_holds_against_saturated_torque():
     assert theta > np.pi / 2
 
 
+def test_a_lean_that_no_ankle_holds_is_proved_infeasible_and_the_scenario_is_named():
+    ramp = replace(SLOPE.scenarios[0], theta0=np.radians(20.0))
+    answer = question.solve(replace(SLOPE, scenarios=(ramp,)))
+    assert answer.outcome.status is Status.INFEASIBLE
+    assert answer.obstacle.physical
+    assert "'ramp'" in answer.outcome.detail
+    assert "20 deg" in answer.outcome.detail
+
+
 def test_unstable_corner_is_proved_infeasible():
     weak = replace(SLOPE, bounds=np.array([[0.0, 360.0], [0.0, 1200.0], [0.0, 17.0]]))  # K_p < A L = 367.9
     answer = question.solve(weak)

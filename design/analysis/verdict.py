@@ -55,7 +55,6 @@ def judge(
         return everything or any(row in setting.required or row in also for row in ids)
 
     loop = setting.loop()
-    bounds = limits(loop.plant, setting.required)
     rows: list[Row] = []
     trajectories: list[Trajectory] = []
     series: list[Series] = []
@@ -64,6 +63,7 @@ def judge(
         trajectory = simulate(loop, scenario, gains, setting.step)
         trajectories.append(trajectory)
         distrust = coarse_step(loop, scenario, gains, setting.step)
+        bounds = limits(loop.plant, setting.required, field=scenario.field)
         found = components(bounds, trajectory)
         for limit, quantity in zip(bounds, found, strict=True):
             rows.append(limit_row(limit, quantity, trajectory, distrust))

@@ -71,6 +71,11 @@ class Biped:
         return self.ell * self.skew * self.m * self.g
 
     @property
+    def foot_share(self) -> float:
+        """m/M: the force of an acceleration field on the foot as a part of that on the body."""
+        return self.m / self.M
+
+    @property
     def weight(self) -> float:
         """Weight of body and foot, (M + m) g [N]."""
         return (self.M + self.m) * self.g

@@ -57,6 +57,11 @@ class Scenario:
     omega0: float = 0.0
 
     @property
+    def field(self) -> bool:
+        """Whether the force is an acceleration field, which acts on the foot too: a slope, or a moving floor."""
+        return self.kind in ("slope", "platform")
+
+    @property
     def breakpoints(self) -> list[float]:
         """Instants in (0, duration) at which the signal has a corner or jumps [s]."""
         return sorted({float(t) for t in self.times if 0.0 < t < self.duration})

@@ -144,11 +144,12 @@ class Question:
         """Every body in every scenario, and under the disturbances that it must survive, or that are to be large."""
         found = []
         for world, loop in zip(self.worlds, self._loops, strict=True):
-            own = self._limits(loop, world.required)
+            own = {field: self._limits(loop, world.required, field=field) for field in (False, True)}
             found += [
-                Case(name=scenario.name, loop=loop, limits=own, scenario=scenario) for scenario in world.scenarios
+                Case(name=scenario.name, loop=loop, limits=own[scenario.field], scenario=scenario)
+                for scenario in world.scenarios
             ]
-            bare = self._limits(loop, {})
+            bare = self._limits(loop, {}, field=False)
             watched = slope(world.biped, name="", angle=0.1, ramp=0.0, duration=HORIZON)
             for kind in SURVIVALS:
                 for side in (1.0, -1.0) if lopsided(loop) else (1.0,):
@@ -157,9 +158,9 @@ class Question:
                         found.append(Case(name=kind, loop=loop, limits=bare, scenario=watched, sized=sized))
         return found
 
-    def _limits(self, loop: ClosedLoop, required: dict[str, Required]) -> tuple[Limit, ...]:
+    def _limits(self, loop: ClosedLoop, required: dict[str, Required], *, field: bool) -> tuple[Limit, ...]:
         scales = {limit.id: limit.scale for limit in self.limits}
-        return tuple(replace(limit, scale=scales[limit.id]) for limit in limits(loop.plant, required))
+        return tuple(replace(limit, scale=scales[limit.id]) for limit in limits(loop.plant, required, field=field))
 
     def _sized(self, kind: str, goal: Goal, side: float) -> Sized | None:
         unit = side * (np.pi / 180 if kind == "step-slope" else 1.0)

@@ -135,6 +135,7 @@ def study(
     from problems.comparison import conduct
 
     source, problem = opening.opened(spec, strict=strict)
+    problem = problem.throughout("a study")
     names = [name.strip() for name in controllers.split(",")] if controllers else None
     problem, names = conduct.with_options(problem, trials=trials, seed=seed, controllers=names)
     study_folder.check(output, resume=resume)

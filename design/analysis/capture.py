@@ -1,11 +1,12 @@
 """Capturability of a scenario: a proof that the body falls, whatever the ankle does while it keeps the foot flat.
 
-Let theta grow towards the toe. Contact with F_H >= c, the CoP at most p ahead of the ankle and the torque at most T in
-size each bound the angular acceleration from below by N(theta)/J(theta), with F(t) and w = omega²:
+Let theta grow towards the toe. Contact with F_H >= level, the CoP at most p ahead of the ankle and the torque at most
+T in size each bound the angular acceleration from below by N(theta)/J(theta), with F(t) and w = omega²:
 
     N = S sin(theta) + C cos(theta) + K,    J = I + M L (h cos(theta) - p sin(theta))
     S = (M g - F_y) L + M L h w,    C = F_x L + M L p w
-    K = c m g + h F_x + 2 ell c - p ((M + m) g - F_y)        (F_H >= c: p = l_T; CoP: c = 0, p = l_T - margin)
+    K = c m g + h F_x + e - p ((M + m) g - F_y)    with m g - kappa F_y for m g where the force acts on the foot too
+        (F_H >= level: p = l_T, e = 2 ell level; CoP: p = l_T - margin, e = 0; c: the foot's weight ahead of the ankle)
     K = -T with J = I and without the terms in w             (torque)
 
 These are the moments about the point under the CoP, divided by the inertia there. The largest of the bounds, evaluated
@@ -135,10 +136,11 @@ class _System:
         self.H = np.vstack([np.full((2, n), self.ML * biped.height), zero])[rows]
         self.k_0 = np.vstack([tilt + extra - p * weight, -np.where(np.isfinite(torque), torque, 1e12)])[rows]
         self.k_x = np.vstack([np.full((2, n), biped.height), zero])[rows]
-        self.k_y = np.vstack([p, zero])[rows]
+        middle = np.array([foot.ell * foot.skew for foot in feet])
+        self.k_y = np.vstack([p + biped.kappa * (p - middle), zero])[rows]
         self.floor = self.I - self.P
         """The least J within [-pi/2, pi/2]."""
-        self.reach = self.Mg * (L + biped.height + np.abs(p).max(axis=0))
+        self.reach = self.Mg * (L + biped.height + (1 + 2 * biped.kappa) * np.abs(p).max(axis=0))
         self.usable = self.floor > 0
         self.floor = np.where(self.usable, self.floor, 1.0)
 

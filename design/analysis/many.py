@@ -145,6 +145,8 @@ class _Bodies:
     height: float
     share: Array
     """m/M where the force is an acceleration field, which friction must hold the foot against too; else 0."""
+    kappa: Array
+    """The part of the force that the contact forces have from the foot: ``share``, or 0."""
 
     def seen(self, law: _Law, z: State, F: tuple[Array, Array]) -> _Seen:
         """What states and force come to under the ``law``."""
@@ -152,11 +154,13 @@ class _Bodies:
         tau = law.torque(z)
         sine, cosine = np.sin(theta), np.cos(theta)
         turning = ((self.M * self.g - F[1]) * self.L * sine + F[0] * self.L * cosine + tau) / self.I
-        load = self.M * (self.g - self.L * (turning * sine + omega**2 * cosine)) - F[1] + self.m * self.g
+        foot = self.m * self.g - self.kappa * F[1]
+        load = self.M * (self.g - self.L * (turning * sine + omega**2 * cosine)) - F[1] + foot
         shear = self.M * self.L * (turning * cosine - omega**2 * sine) - F[0]
-        turn = tau - self.ell * self.skew * self.m * self.g + self.height * shear  # l_H F_H - l_T F_T
+        middle = self.ell * self.skew
+        turn = tau - middle * self.m * self.g + middle * self.kappa * F[1] + self.height * shear  # l_H F_H - l_T F_T
         F_T = 0.5 * ((1 - self.skew) * load - turn / self.ell)
-        slip = np.abs(shear - self.share * F[0]) / (load - self.share * F[1])
+        slip = np.abs(shear - self.share * F[0]) / (load - (self.share - self.kappa) * F[1])
         return _Seen(tau, turning, F_T, 0.5 * ((1 + self.skew) * load + turn / self.ell), load, slip)
 
 
@@ -166,7 +170,10 @@ def _bodies(biped: Biped, tolerances: Tolerances, shares: Array, *, field: bool)
         for k, name in enumerate(("M", "L", "I", "m", "ell"))
     )
     share = m / M if field else 0.0 * m
-    return _Bodies(M=M, L=L, I=I, m=m, ell=ell, g=biped.g, skew=biped.skew, height=biped.height, share=share)
+    kappa = m / M if biped.ground_loads else 0.0 * m
+    return _Bodies(
+        M=M, L=L, I=I, m=m, ell=ell, g=biped.g, skew=biped.skew, height=biped.height, share=share, kappa=kappa
+    )
 
 
 def _spread(spread: Spread, value: float, shares: Array) -> Array:

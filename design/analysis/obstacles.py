@@ -81,16 +81,16 @@ def _load(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
     time T, the height y = L cos(theta) must be accelerated by at least a = (2 level - load at rest)/M; if a > 0, no y
     within [-L, L] can do so for longer than T = 4 sqrt(L/a).
     """
-    level, biped = _level(setting, "contact-force"), setting.biped
+    level, biped = _level(setting, "contact-force"), setting.under(scenario).biped
     found = []
     if scenario.theta0 == 0.0 and scenario.omega0 == 0.0:
         first = scenario.force_on(scenario.pieces()[0], np.array([0.0]))
-        total = float(biped.weight - first[1, 0])
+        total = float(biped.load(first[1, 0]))
         if 0.5 * total < level:
             found.append(("at t = 0", total))
     last = scenario.pieces()[-1]
     if not np.ptp(scenario.signal_on(last, np.array(last)), axis=1).any():
-        total = float(biped.weight - scenario.force_on(last, np.array(last))[1, -1])
+        total = float(biped.load(scenario.force_on(last, np.array(last))[1, -1]))
         upward = (2 * level - total) / biped.M
         if upward * (last[1] - last[0]) ** 2 > 16 * biped.L:
             found.append(("at rest in the end", total))
@@ -127,10 +127,11 @@ def beyond_ankles(setting: Setting, names: Collection[str] | None = None) -> Ite
     for scenario in setting.scenarios:
         if names is not None and scenario.name not in names:
             continue
-        side = falls_to(setting.biped, scenario, ankle)
+        biped = setting.under(scenario).biped
+        side = falls_to(biped, scenario, ankle)
         if side:
             bare = Ankle(at_rest=ankle.at_rest)
-            yield beyond(setting.biped, scenario, ankle, side), falls_to(setting.biped, scenario, bare) != 0
+            yield beyond(biped, scenario, ankle, side), falls_to(biped, scenario, bare) != 0
 
 
 def _rests(setting: Setting) -> bool:
@@ -142,7 +143,7 @@ def _rests(setting: Setting) -> bool:
 def _poles(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
     if setting.bounds is None or math.isfinite(setting.adapt):  # (27)-(29) are then not necessary
         return
-    biped, kind = setting.biped, setting.law
+    biped, kind = setting.under(scenario).biped, setting.law
     low, high = setting.bounds[:, 0], setting.bounds[:, 1]
     best = (high[0], high[1], low[2])
     sigma = _level(setting, "decay-rate")

@@ -147,7 +147,7 @@ class Scenario:
         linear in time; on a slope A does not change).
         """
         F_x, F_y = self.operating_forces(biped, per_piece)
-        return np.hypot(biped.M * biped.g - F_y, F_x), biped.weight - F_y
+        return np.hypot(biped.M * biped.g - F_y, F_x), biped.load(F_y)
 
     def operating_forces(self, biped: Biped, per_piece: int = 9) -> Array:
         """The forces (2, j) [N] of ``operating_points``."""

@@ -74,7 +74,8 @@ def limits(plant: Plant, required: Mapping[str, Required], *, field: bool = Fals
     reaction = plant.forces(x, tau, F)
     along, load = plant.friction(x, tau, F), reaction[0] + reaction[1]
     if field:
-        along, load = along - plant.biped.foot_share * F[0], load - plant.biped.foot_share * F[1]
+        share = plant.biped.foot_share
+        along, load = along - share * F[0], load - (share - plant.biped.kappa) * F[1]
     slip = along / load
     P, ell, toe, heel = plant.cop(x, tau, F), plant.biped.ell, plant.biped.toe, plant.biped.heel
 

@@ -232,7 +232,8 @@ class _Scenario:
     def _case(self, box: world.Box) -> Case:
         """The part as the prover has it, for its norm."""
         middle = {name: float(value) for name, (value, _) in box.items()}
-        biped = replace(self.problem.biped, **{name: middle[name] for name in NAMES[:5]})
+        M, L, I, m, ell = (middle[name] for name in NAMES[:5])
+        biped = replace(self.problem.biped, M=M, L=L, I=I, m=m, ell=ell)
         radii = [float(half) for _, half in box.values()]
         radii[5] = math.radians(radii[5])
         return Case(

@@ -120,7 +120,6 @@ class Setting:
 
     def must_be_plain(self, what: str) -> None:
         """Raise ``BadInput`` unless foot and target are the paper's, as ``what`` needs them."""
-        self.must_not_load_the_foot(what)
         if not self.plain:
             message = (
                 f"has {self.unlike}; {what} needs toe and heel equally far from an ankle on the ground, and"

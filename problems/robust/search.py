@@ -112,7 +112,7 @@ def _finished(
     broken, _ = _tried(question, goal, alone.gains, -math.inf, few)
     proofs, end = [], min(deadline, time.monotonic() + PROOF)
     bare = replace(setting, required={})  # contact >= 0: what is required often holds the design, with nothing to spare
-    for scenario in setting.scenarios if setting.plain and not setting.ground_loads else ():
+    for scenario in setting.scenarios if setting.plain else ():
         say(f"{scenario.name}: proving contact over the whole box")
         left = end - time.monotonic()
         proof = prove(bare, found.gains, scenario.name, seconds=max(left, 0.01))

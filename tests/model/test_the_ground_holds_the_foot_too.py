@@ -177,7 +177,7 @@ def test_what_needs_one_foot_for_all_scenarios_says_so():
     with pytest.raises(BadInput, match=r"foot\.ground_loads: .* a study needs"):
         replace(problem, scenarios=(*SLOPE.scenarios, wind)).throughout("a study")
     with pytest.raises(BadInput, match=r"foot\.ground_loads"):
-        problem.must_be_plain("a region")
+        problem.must_not_load_the_foot("a region")
 
 
 def test_gains_for_a_foot_that_slopes_load_are_found_and_confirmed():

@@ -17,6 +17,7 @@ import numpy as np
 
 from design.analysis.beyond import Beyond, beyond
 from design.analysis.capture import Ankle, falls_to
+from design.analysis.survival import push_limit, slope_limit
 from design.model.deciding import deciding_points
 from design.model.environment import Scenario
 from design.model.limits import Required
@@ -55,6 +56,7 @@ def obstacles(setting: Setting) -> list[Obstacle]:
     loads = [obstacle for scenario in setting.scenarios for obstacle in _load(setting, scenario)]
     simple = [*_foot(setting), *loads]
     if setting.plain:
+        simple += _survival(setting)
         simple += [obstacle for scenario in setting.scenarios for obstacle in _poles(setting, scenario)]
     return simple or list(_capture(setting))
 
@@ -104,6 +106,18 @@ def _load(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
             id="contact-force", scenario=scenario.name, value=0.5 * total, required=level, unit="N",
             why=f"{when}, {reason}",
         )  # fmt: skip
+
+
+def _survival(setting: Setting) -> Iterator[Obstacle]:
+    """A sudden slope or a push from rest of which the report counts no more as survived than any ankle survives."""
+    slope = math.degrees(slope_limit(setting.in_a_field().biped))
+    for id, limit, unit in (("step-slope", slope, "deg"), ("push", push_limit(setting.biped), "N s")):
+        level = _level(setting, id)
+        if level > limit:
+            yield Obstacle(
+                id=id, scenario=None, value=limit, required=level, unit=unit,
+                why="no ankle with this foot survives more from rest (capturability); lower it, or lengthen the foot",
+            )  # fmt: skip
 
 
 def _capture(setting: Setting) -> Iterator[Obstacle]:

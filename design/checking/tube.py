@@ -83,7 +83,8 @@ class _Loop:
         self.M, self.L, self.m, self.ell = number.values()
         self.per_I, self.per_ell = (inverse(box[name][0], self.at(name)) for name in ("I", "ell"))
         self.ML, self.Mg, self.mg = self.M * self.L, self.M * self.just(g), self.m * self.just(g)
-        self.loaded = spec["foot"].get("ground_loads", False) is True  # the foot weighs m g cos(alpha) on a slope
+        # on a slope the foot then weighs m g cos(alpha)
+        self.loaded = spec.get("foot", {}).get("ground_loads", False) is True
         self.aim = radians(spec["law"].get("desired_angle_deg", Fraction(0)), [Fraction(0)] * len(self.moving))
         self.K = [self.just(each) for each in gains]
         self.tilt = radians(box["slope"][0], self.at("slope"))

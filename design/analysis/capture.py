@@ -100,10 +100,11 @@ def falls(biped: Biped, scenario: Scenario, side: int, variants: list[Variant]) 
     bend = system.reach[:, None] * bend**2 / 8 if scenario.kind == "slope" else 0.0 * bend
     start = np.array([v.start for v in variants])
     steady = scenario.steady_from
-    return system.march(
-        side * scenario.theta0 * start, side * scenario.omega0 * start, steps.h[kept], ends, bend,
-        still=steps.t[:-1][kept] >= steady,
-    )  # fmt: skip
+    with np.errstate(all="ignore"):  # where J vanishes, or numbers overflow, the bound is not used
+        return system.march(
+            side * scenario.theta0 * start, side * scenario.omega0 * start, steps.h[kept], ends, bend,
+            still=steps.t[:-1][kept] >= steady,
+        )  # fmt: skip
 
 
 def _begin(scenario: Scenario) -> float:
@@ -179,13 +180,13 @@ class _System:
         C = F_x * self.L + self.P * w
         K = self.k_0 + self.k_x * F_x + self.k_y * F_y - bend
         K = K - ROUNDING * (np.abs(S) + np.abs(C) + np.abs(K))
-        with np.errstate(divide="ignore", invalid="ignore"):  # where J vanishes the bound is not used
-            here = (S * sine + C * cosine + K) / (self.I + self.H * cosine - self.P * sine)
-            there = (S + K) / (self.I - self.P)
+        here = (S * sine + C * cosine + K) / (self.I + self.H * cosine - self.P * sine)
+        there = (S + K) / (self.I - self.P)
         a, b, c = self.I * S + K * self.P, K * self.H - self.I * C, S * self.H + C * self.P
         rising = (a * cosine + b * sine + c >= 0) | (b * cosine - a * sine <= 0)
         outward = self.P * cosine + self.H * sine >= 0  # omega² then only adds to N
-        sure = self.usable & ((a >= 0) & rising & outward).all(axis=0)
+        finite = np.isfinite(here) & np.isfinite(there) & np.isfinite(a) & np.isfinite(b) & np.isfinite(c)
+        sure = self.usable & ((a >= 0) & rising & outward & finite).all(axis=0)
         steep = np.where(sure, (np.abs(a) + np.abs(b) + np.abs(c)).max(axis=0) / self.floor**2, 0.0).max(axis=0)
         least = np.where(sure, np.minimum(here, there).min(axis=0), -np.inf).max(axis=0)
         return least, steep, sure.any(axis=0)

@@ -138,6 +138,8 @@ def beyond_ankles(setting: Setting, names: Collection[str] | None = None) -> Ite
         level=_level(setting, "contact-force"), margin=_level(setting, "cop-margin"),
         torque=math.inf if torque is None or torque.soft else torque.level, at_rest=_rests(setting),
     )  # fmt: skip
+    if 2 * ankle.level >= setting.biped.weight or ankle.margin > setting.biped.ell:
+        return  # nothing on the foot can do that, whatever the scenario
     for scenario in setting.scenarios:
         if names is not None and scenario.name not in names:
             continue

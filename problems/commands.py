@@ -90,7 +90,9 @@ def _sought(problem: Setting, search: Search, say: Callable[[str], None]) -> tup
         from problems import sensitivity
 
         answer = sensitivity.checked(problem, answer, seconds=left, say=say)
-    if search.why_not and answer.outcome.status in (Status.NOT_FOUND, Status.INFEASIBLE) and problem.bounds is not None:
+    physical = answer.obstacle is not None and answer.obstacle.physical  # no requirement or bound is to blame
+    unmet = answer.outcome.status in (Status.NOT_FOUND, Status.INFEASIBLE) and not physical
+    if search.why_not and unmet and problem.bounds is not None:
         from problems import whynot
 
         beside = [robust.world(problem, point.shares, point.scenario) for point in answer.points]
@@ -136,6 +138,7 @@ def study(
     from problems.comparison import conduct
 
     source, problem = opening.opened(spec, strict=strict)
+    problem = problem.throughout("a study")
     names = [name.strip() for name in controllers.split(",")] if controllers else None
     problem, names = conduct.with_options(problem, trials=trials, seed=seed, controllers=names)
     study_folder.check(output, resume=resume or repair or force_new)

@@ -54,27 +54,30 @@ def judge(
     def wanted(ids: Sequence[str]) -> bool:
         return everything or any(row in setting.required or row in also for row in ids)
 
-    loop = setting.loop()
-    bounds = limits(loop.plant, setting.required)
     rows: list[Row] = []
     trajectories: list[Trajectory] = []
     series: list[Series] = []
     for scenario in setting.scenarios:
-        rows += stability_rows(setting, scenario, gains)
+        world = setting.under(scenario)
+        loop = world.loop()
+        rows += stability_rows(world, scenario, gains)
         trajectory = simulate(loop, scenario, gains, setting.step)
         trajectories.append(trajectory)
         distrust = coarse_step(loop, scenario, gains, setting.step)
+        bounds = limits(loop.plant, setting.required, field=scenario.field)
         found = components(bounds, trajectory)
         for limit, quantity in zip(bounds, found, strict=True):
             rows.append(limit_row(limit, quantity, trajectory, distrust))
             series.append(_series(limit, quantity, trajectory))
         if wanted(RUN_IDS):
-            rows += run_rows(setting, loop, scenario, gains, trajectory, distrust)
+            rows += run_rows(world, loop, scenario, gains, trajectory, distrust)
     if wanted(LINEAR_IDS):
-        rows += loop_rows(setting, loop, gains)
+        rows += loop_rows(setting, gains)
     if wanted(STEP_IDS):
-        distrusts = [coarse_step(loop, scenario, gains, setting.step) for scenario in setting.scenarios]
-        rows += survival_rows(setting, loop, gains, next(filter(None, distrusts), ""))
+        distrusts = [
+            coarse_step(setting.under(scenario).loop(), scenario, gains, setting.step) for scenario in setting.scenarios
+        ]
+        rows += survival_rows(setting, gains, next(filter(None, distrusts), ""))
     return Verdict(rows=tuple(rows), trajectories=tuple(trajectories), series=tuple(series))
 
 

@@ -50,6 +50,11 @@ class FootTable(Table):
         default=None, ge=1e-4, le=10, description="the distance from the ankle to the heel [m]"
     )
     ankle_height_m: Number = Field(default=0.0, ge=0, le=10, description="height of the ankle above the ground [m]")
+    ground_loads: bool = Field(
+        default=False,
+        strict=True,
+        description="whether slopes load the foot as well: it weighs m g cos α there; false: m g, as in (5) and (6)",
+    )
 
     @model_validator(mode="after")
     def _one_length(self) -> FootTable:

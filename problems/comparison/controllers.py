@@ -84,7 +84,11 @@ def prediction(setting: Setting, *, preview: bool = False) -> Horizon:
     tuning = setting.tuning
     if preview:
         tuning = replace(tuning, torque=tuning.preview_torque)
-    return horizon(setting.biped, tuning, actuator(setting), {**setting.required, **eased(setting)}, setting.target)
+    required = {**setting.required, **eased(setting)}
+    return horizon(
+        setting.biped, tuning, actuator(setting), required, setting.target,
+        field=any(scenario.field for scenario in setting.scenarios),
+    )  # fmt: skip
 
 
 def eased(setting: Setting) -> dict[str, Required]:
@@ -97,12 +101,14 @@ def eased(setting: Setting) -> dict[str, Required]:
     biped, found = setting.biped, {}
     points = [scenario.force_at(np.append(scenario.times, scenario.duration)) for scenario in setting.scenarios]
     F_x, F_y = np.concatenate(points, axis=1)
+    share = biped.foot_share if any(scenario.field for scenario in setting.scenarios) else 0.0
+    pressed = np.maximum(biped.weight - (1 + share) * F_y, 1e-9 * biped.weight)
     down = np.maximum(biped.weight - F_y, 1e-9 * biped.weight)
     near = min(biped.toe - setting.target, biped.heel + setting.target)
     limits = {
         "contact-force": float(near / (2 * biped.ell) * down.min() - ROOM * biped.weight),
         "cop-margin": (1 - 2.5 * ROOM) * near,
-        "friction": float((np.abs(F_x) / down).max() + 0.5 * ROOM),
+        "friction": float(((1 + share) * np.abs(F_x) / pressed).max() + 0.5 * ROOM),
     }
     for row, limit in limits.items():
         asked = setting.required.get(row)

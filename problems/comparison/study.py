@@ -112,7 +112,7 @@ def world(problem: Setting, scenario: str, trial: int, seed: int) -> World:
 
 @lru_cache(maxsize=4)
 def _problem(text: str) -> Setting:
-    return setting(parse(text, origin="study").spec)
+    return setting(parse(text, origin="study").spec).throughout("a study")
 
 
 @lru_cache(maxsize=8)

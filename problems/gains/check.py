@@ -100,8 +100,9 @@ def _doubt(question: Question, goal: Goal, gains: Gains, verdict: Verdict) -> st
     setting = question.setting
     for scenario in setting.scenarios:
         opinion = second_opinion(
-            setting.biped, setting.law, setting.theta_d, gains, scenario, setting.step, setting.adapt, setting.target
-        )
+            setting.under(scenario).biped, setting.law, setting.theta_d, gains, scenario, setting.step, setting.adapt,
+            setting.target,
+        )  # fmt: skip
         if not opinion.finished:
             return f"In scenario {scenario.name!r} the second integrator does not reach the end."
         rows = {row.id: row for row in verdict.rows if row.scenario == scenario.name}

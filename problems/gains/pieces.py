@@ -70,8 +70,8 @@ def values(question: Question, ids: Sequence[str], K: Array, step: float) -> Pie
     if runs:
         place = 0
         for world in question.worlds:
-            loop = world.loop()
             for scenario in world.scenarios:
+                loop = world.under(scenario).loop()
                 run = simulate(loop, scenario, gains, step)
                 if run.fallen is not None:
                     return None

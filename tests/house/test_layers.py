@@ -43,7 +43,7 @@ ALLOWED = {  # which of our packages a file of each may import
     "design/spec": {"design/spec", "design/model", "design"},
     "design/solvers": {"design/solvers", "design"},
     "design/model": {"design/model", "design"},
-    "design": set(),
+    "design": {"design"},  # its errors
 }
 DOORS = {
     "ezc3d": {"design/recordings/binary.py"},

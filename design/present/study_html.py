@@ -10,7 +10,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from design.present import study_plots, study_text
-from design.present.text import number
+from design.present.text import Style, number
 
 if TYPE_CHECKING:
     from design.present.plots import Figure
@@ -49,7 +49,7 @@ def as_html(document: Document, rows: Sequence[Row]) -> str:
         document=document,
         title=study_text.title(document),
         legend=study_text.LEGEND,
-        word=("COMPLETE", "good") if document["status"] == "complete" else ("UNDECIDED", "doubt"),
+        word=("COMPLETE", Style.GOOD) if document["status"] == "complete" else ("UNDECIDED", Style.DOUBT),
         headline=headline(document),
         findings=findings(document),
         table=[(*_word(one), study_text.cells(name, one)) for name, one in controllers.items()],
@@ -180,10 +180,10 @@ def _interval(line: Mapping[str, Any]) -> str:
     return f"95 % interval {number(line['low'], 4)} to {number(line['high'], 4)} N{holds} ({pairs})"
 
 
-def _word(one: Mapping[str, Any]) -> tuple[str, str]:
+def _word(one: Mapping[str, Any]) -> tuple[str, Style]:
     if not one["trials"]:
-        return "NO TRIAL", "doubt"
-    return ("LOST", "bad") if one["lost"] else ("FAILED", "bad") if one["failed"] else ("KEPT", "good")
+        return "NO TRIAL", Style.DOUBT
+    return ("LOST", Style.BAD) if one["lost"] else ("FAILED", Style.BAD) if one["failed"] else ("KEPT", Style.GOOD)
 
 
 def _list(names: Iterable[str]) -> str:

@@ -7,7 +7,7 @@ import io
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from design.present.text import Paint, number, table, wrapped
+from design.present.text import Paint, Style, number, table, wrapped
 
 Summary = Mapping[str, Any]
 
@@ -52,7 +52,7 @@ def as_text(document: Mapping[str, Any], paint: Paint) -> str:
     whole = table(_HEADER, body, right=tuple(range(1, len(_HEADER))))
     lines.append(whole[0])
     for line, one in zip(whole[1:], controllers.values(), strict=True):
-        lines.append(paint(line, "bad") if one["lost"] or one["failed"] else line)
+        lines.append(paint(line, Style.BAD) if one["lost"] or one["failed"] else line)
     lines += ["", *wrapped(LEGEND)]
     differences = _differences(document)
     if differences:

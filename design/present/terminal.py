@@ -9,8 +9,12 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from design.errors import PoiseError
+
+if TYPE_CHECKING:  # NumPy waits until there is something to paint
+    from design.present.text import Paint
 
 
 def out(text: str) -> None:
@@ -77,7 +81,7 @@ def deliver(result: str, output: str | None) -> None:
         out(result)
 
 
-def painter_for_output(*, to_file: bool = False) -> Callable[[str, str], str]:
+def painter_for_output(*, to_file: bool = False) -> Paint:
     """Colours where standard output is a terminal and NO_COLOR is not set."""
     from design.present.text import painter
 

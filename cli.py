@@ -315,20 +315,22 @@ def study(
     jobs: Annotated[int | None, typer.Option("--jobs", min=1, max=1024, help="Worker processes.")] = None,
     dask: Annotated[str | None, typer.Option("--dask", metavar="ADDRESS", help="Run on this dask cluster.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the study in the folder of -o.")] = False,
+    tune: Annotated[bool, typer.Option("--tune/--no-tune", help="Tune the weights that [mpc] does not write.")] = True,
     format: Form = "text",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FOLDER", help="Keep trials there.")] = None,
     strict: Strict = False,
 ) -> None:
-    """Compare the paper's laws with predictive controllers, trial by trial in the same world and noise.
+    """Compare the paper's laws with LQR and predictive controllers, trial by trial in the same world and noise.
 
-    Controllers: pd, force, cop (with the spec's gains), each with -synthesized (with the best ones), mpc, nmpc,
-    mpc-oracle (knows the force), mpc-preview (and its future).
+    Controllers: pd, force, cop (with the spec's gains), each with -synthesized (with the best ones), lqr (clipped to
+    what keeps contact), mpc, nmpc, mpc-oracle (knows the force), mpc-preview (and its future). The weights of those
+    with a model are tuned on the nominal body by the spec's objective.
     """
     from design.present import terminal
     from problems import commands
 
     asked = (controllers, trials, seed, jobs, dask)
-    printed, complete = commands.study(spec, *asked, format, output, resume=resume, strict=strict)
+    printed, complete = commands.study(spec, *asked, format, output, resume=resume, tune=tune, strict=strict)
     terminal.deliver(printed, None)
     raise typer.Exit(MET if complete else UNDECIDED)
 

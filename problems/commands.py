@@ -126,6 +126,7 @@ def study(
     output: str | None,
     *,
     resume: bool,
+    tune: bool,
     strict: bool,
 ) -> tuple[str, bool]:
     """What to print of a comparison, and whether it is complete; its trials are kept in the folder ``output``."""
@@ -138,8 +139,9 @@ def study(
     study_folder.check(output, resume=resume)
     with terminal.progress() as say, terminal.terminated_like_interrupted(), study_folder.kept(output):
         found = conduct.conduct(
-            source, problem, names, folder=output, resume=resume, jobs=jobs or terminal.cores(), dask=dask, say=say
-        )
+            source, problem, names, folder=output, resume=resume, jobs=jobs or terminal.cores(), dask=dask, tune=tune,
+            say=say,
+        )  # fmt: skip
     document = store.document("study", source, **conduct.facts(found, problem))
     if output:
         study_folder.write(output, document, found.rows)

@@ -12,7 +12,7 @@ from design.spec.fields import Number, Table
 
 ControllerName = Literal[
     "pd", "force", "cop", "pd-synthesized", "force-synthesized", "cop-synthesized",
-    "mpc", "nmpc", "mpc-oracle", "mpc-preview",
+    "lqr", "mpc", "nmpc", "mpc-oracle", "mpc-preview",
 ]  # fmt: skip
 Weight = Annotated[Number, Field(ge=0, le=1e6)]
 Deviation = Annotated[Number, Field(ge=0, le=1e6)]

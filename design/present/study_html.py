@@ -50,11 +50,13 @@ def as_html(document: Document, rows: Sequence[Row]) -> str:
         title=study_text.title(document),
         legend=study_text.LEGEND,
         word=("COMPLETE", Style.GOOD) if document["status"] == "complete" else ("UNDECIDED", Style.DOUBT),
+        contact=contact(document),
         headline=headline(document),
         findings=findings(document),
         table=[(*_word(one), study_text.cells(name, one)) for name, one in controllers.items()],
         told=[f"{name} ({why})" for name, why in TOLD.items() if name in controllers],
-        lines=lines,
+        lines=differences(document, by_scenario=True),
+        tuning=study_text.tuning_sentences(document),
         trouble=trouble[:SHOWN],
         hidden=max(0, len(trouble) - SHOWN),
         drawn=study_plots.chosen(controllers, document["reference"]),
@@ -105,21 +107,39 @@ def _svg(figure: Figure | None) -> Any:
     return None if figure is None else Markup(svg(figure))
 
 
-def differences(document: Document) -> list[dict[str, Any]]:
-    """The paired differences, measure by measure, in the units of the page; those without a pair are left out."""
+def differences(document: Document, *, by_scenario: bool = False) -> list[dict[str, Any]]:
+    """The paired differences, measure by measure, in the units of the page; those without a pair are left out.
+
+    Over all scenarios, and with ``by_scenario`` of each too where there are several.
+    """
     found = []
     for measure, (words, unit, scale, better) in COMPARED.items():
         for name, one in document["controllers"].items():
-            its = one.get("against", {}).get(measure)
-            if its and its["pairs"] and its["mean"] is not None:
-                values = {key: None if its[key] is None else scale * its[key] for key in ("mean", "low", "high")}
-                line = {"name": name, "measure": measure, "words": words, "unit": unit, "better": better}
-                found.append({**line, **values, "pairs": its["pairs"]})
+            whole = one.get("against", {}).get(measure)
+            if not whole:
+                continue
+            parts = whole["by_scenario"] if by_scenario and len(whole["by_scenario"]) > 1 else {}
+            for scenario, its in [("all", whole), *parts.items()]:
+                if its["pairs"] and its["mean"] is not None:
+                    values = {key: None if its[key] is None else scale * its[key] for key in ("mean", "low", "high")}
+                    line = {"name": name, "measure": measure, "words": words, "unit": unit, "better": better}
+                    found.append({**line, "scenario": scenario, **values, "pairs": its["pairs"]})
     return found
 
 
+def contact(document: Document) -> tuple[str, Style]:
+    """Who lost contact, in a few words, and the style; empty where no trial has ended."""
+    tried = {name: one for name, one in document["controllers"].items() if one["trials"] > one["failed"]}
+    lost = [name for name, one in tried.items() if one["lost"]]
+    if not tried:
+        return "", Style.DOUBT
+    if len(lost) == len(tried) > 1:
+        return "CONTACT LOST by every controller", Style.BAD
+    return (f"CONTACT LOST by {_list(lost)}", Style.BAD) if lost else ("CONTACT KEPT in every trial", Style.GOOD)
+
+
 def headline(document: Document) -> str:
-    """Who kept contact in all trials, and who has the largest median contact force."""
+    """Who lost contact, how often and where, who kept it, and who has the largest median contact force."""
     tried = {name: one for name, one in document["controllers"].items() if one["trials"]}
     if not tried:
         return "No trial has ended: there is nothing to choose by."
@@ -129,6 +149,8 @@ def headline(document: Document) -> str:
         text = "Every controller kept contact in all trials"
     elif kept:
         text = f"{_list(kept)} kept contact in all trials"
+        if lost := [_lost_often(name, one) for name, one in tried.items() if one["lost"]]:
+            text = f"{_list(lost)}; {text}"
     elif any(stood.values()):
         best = max(stood, key=lambda name: stood[name] / tried[name]["trials"])
         often = f"{stood[best]} of {tried[best]['trials']}"
@@ -148,13 +170,19 @@ def headline(document: Document) -> str:
     return f"{text}."
 
 
+def _lost_often(name: str, one: Mapping[str, Any]) -> str:
+    """How often, and in which scenarios, a controller lost contact."""
+    where = ", ".join(f"{scenario} {count}" for scenario, count in one["lost_in"].items())
+    return f"{name} lost contact in {one['lost']} of {one['trials']} trials ({where})"
+
+
 def findings(document: Document) -> list[str]:
     """What synthesized gains and prediction give over the reference, and who survives most and least."""
     controllers, reference = document["controllers"], document["reference"]
     found = []
     for line in differences(document):
         name = line["name"]
-        if line["measure"] == "contact_force_n" and ("synthesized" in name or "mpc" in name):
+        if line["measure"] == "contact_force_n" and ("synthesized" in name or "mpc" in name or name == "lqr"):
             told = f" ({TOLD[name]})" if name in TOLD else ""
             mean = "" if line["low"] is None else f" {line['mean']:+.4g} N"
             found.append(f"{name}{told} against {reference}: smallest contact force{mean}, {_interval(line)}.")

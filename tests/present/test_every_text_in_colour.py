@@ -70,6 +70,7 @@ def _study(lost, failed):
     return {
         "spec": {"name": "tilt"}, "trials": 4, "scenarios": ["ramp"], "seed": 0, "control_period_s": 0.005,
         "reference": "force", "left_out": {}, "remark": "", "controllers": {"force": one},
+        "tuning": {"weights": {}, "gains": {}},
     }  # fmt: skip
 
 

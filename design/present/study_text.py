@@ -113,10 +113,8 @@ def _percent(share: float | None) -> str:
 
 def tuning_lines(document: Mapping[str, Any]) -> list[str]:
     """How gains and weights were chosen, for a terminal; empty where nothing was."""
-    sentences = tuning_sentences(document)
-    return ["", *wrapped(sentences[0]), *(line for said in sentences[1:] for line in wrapped(said, "  "))] * bool(
-        sentences
-    )
+    head, *rest = tuning_sentences(document) or [""]
+    return ["", *wrapped(head), *(line for said in rest for line in wrapped(said, "  "))] if head else []
 
 
 def tuning_sentences(document: Mapping[str, Any]) -> list[str]:
@@ -142,7 +140,7 @@ def tuning_sentences(document: Mapping[str, Any]) -> list[str]:
     for name, its in gains.items():
         said = f"{name}: {number(its['value'], 4)}{digits} with "
         if its["starts"]:
-            tried = f"{its['surveyed']} gains surveyed, {its['starts']} gradient searches"
+            tried = f"{its['surveyed']} gains surveyed, then searches with exact derivatives"
             said += f"the gains of `poise synthesize` ({tried})"
         else:
             said += "the spec's gains"

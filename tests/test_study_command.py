@@ -49,6 +49,7 @@ def test_a_study_leaves_its_trials_and_its_reports(done):
 def test_the_text_fits_80_columns_and_names_every_controller(done):
     _, printed = done
     assert max(map(len, printed.splitlines())) <= 80
+    assert re.search(r"^force .* \d/3 ", printed, re.MULTILINE)  # of so many trials it is the median time
     for name in ("force", "mpc", "nmpc"):
         assert re.search(rf"^{name} ", printed, re.MULTILINE)
     assert "95 % interval" in printed

@@ -118,13 +118,23 @@ def differences(document: Document, *, by_scenario: bool = False) -> list[dict[s
             whole = one.get("against", {}).get(measure)
             if not whole:
                 continue
-            parts = whole["by_scenario"] if by_scenario and len(whole["by_scenario"]) > 1 else {}
+            counts = _counts(document, name) if measure == "lost" else ""
+            split = by_scenario and len(whole["by_scenario"]) > 1 and not (counts and whole["mean"] == 0)
+            parts = whole["by_scenario"] if split else {}
             for scenario, its in [("all", whole), *parts.items()]:
                 if its["pairs"] and its["mean"] is not None:
                     values = {key: None if its[key] is None else scale * its[key] for key in ("mean", "low", "high")}
                     line = {"name": name, "measure": measure, "words": words, "unit": unit, "better": better}
-                    found.append({**line, "scenario": scenario, **values, "pairs": its["pairs"]})
+                    line |= {"scenario": scenario, "counts": counts if scenario == "all" else ""}
+                    found.append({**line, **values, "pairs": its["pairs"]})
     return found
+
+
+def _counts(document: Document, name: str) -> str:
+    """How many trials lost contact, with the reference and with the controller ``name``."""
+    controllers = document["controllers"]
+    of, to = (f"{one['lost']}/{one['trials']}" for one in (controllers[document["reference"]], controllers[name]))
+    return f"{of} to {to}"
 
 
 def contact(document: Document) -> tuple[str, Style]:
@@ -163,11 +173,16 @@ def headline(document: Document) -> str:
     order = sorted((name for name in tried if medians[name] is not None), key=lambda name: -medians[name])
     if not order:
         return f"{text}."
-    text += f"; the largest median of the smallest contact force is {number(medians[order[0]], 4)} N, with {order[0]}"
+    best = number(medians[order[0]], 4)
     real = [name for name in order if name not in TOLD]
     if order[0] in TOLD and real:
-        text += f" ({TOLD[order[0]]}), and of those told nothing {number(medians[real[0]], 4)} N, with {real[0]}"
-    return f"{text}."
+        text += f"; the largest median of the smallest contact force is {best} N, with {order[0]} ({TOLD[order[0]]}),"
+        most = number(medians[real[0]], 4)
+        text += " and of those told nothing"
+    else:
+        most, real = best, order
+        text += "; the largest median of the smallest contact force is"
+    return f"{text} {most} N, with {_list(name for name in real if number(medians[name], 4) == most)}."
 
 
 def _lost_often(name: str, one: Mapping[str, Any]) -> str:

@@ -22,9 +22,9 @@ COLUMNS = (
 TIMES = ("median_ms", "p99_ms", "max_ms")
 LEGEND = (
     "lost: trials that lost contact. least, median: smallest contact force of a trial [N]. settle: time to the"
-    " final posture, median of the trials that settled; settled: how many did. rms: torque. ms: computing time of a"
+    " final posture, median of the trials that settled, and how many of all did. rms: torque. ms: computing time of a"
     " step, median and 99 %. fails: steps that took the previous plan's tail or law (20). slope, push: largest sudden"
-    " slope and push survived from rest, as a share of what any ankle can."
+    " slope and push survived from rest, as a share of what any ankle can [%]."
 )
 MEASURES = {
     "lost": ("trials that lost contact", "%", 100.0),
@@ -54,8 +54,8 @@ def as_text(document: Mapping[str, Any], paint: Paint) -> str:
     """The study in at most 80 columns."""
     controllers = document["controllers"]
     lines = [*wrapped(title(document)), ""]
-    body = [[*cells(name, one)] for name, one in controllers.items()]
-    whole = table(_HEADER, body, right=tuple(range(1, len(_HEADER))))
+    body = [_joined(cells(name, one)) for name, one in controllers.items()]
+    whole = table(_joined(_HEADER), body, right=tuple(range(1, len(_HEADER) - 1)))
     lines.append(whole[0])
     for line, one in zip(whole[1:], controllers.values(), strict=True):
         lines.append(paint(line, Style.BAD) if one["lost"] or one["failed"] else line)
@@ -82,7 +82,7 @@ def as_markdown(document: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-_HEADER = ["", "lost", "least", "median", "settle", "settled", "rms", "ms", "99 %", "fails", "slope", "push"]
+_HEADER = ["", "lost", "least", "median", "settle", "n/N", "rms", "ms", "99 %", "fails", "slope", "push"]
 _DIFFERENCES = ["", "controller", "scenario", "difference", "95 % interval", "pairs"]
 
 
@@ -95,16 +95,25 @@ def title(document: Mapping[str, Any]) -> str:
     )
 
 
+def _joined(line: Sequence[str]) -> list[str]:
+    """A line of the table as narrow as it can be: settling time and how many settled in one cell, shares without %."""
+    return [*line[:4], f"{line[4]} {line[5]}", *line[6:-2], *(cell.rstrip("%") for cell in line[-2:])]
+
+
 def cells(name: str, one: Summary) -> list[str]:
     """A controller's line of the table."""
     force, ms = one["contact_force_n"], one["step_ms"]
     return [
         name, f"{one['lost']}/{one['trials']}" + (f" +{one['failed']} failed" if one["failed"] else ""),
         number(force["min"], 4), number(force["median"], 4), number(one["settling_s"], 3),
-        f"{one['settled']}/{one['trials']}", number(one["torque_rms_nm"], 3), number(ms["median"], 2),
-        number(ms["p99"], 2), str(one["unsolved"]),
+        f"{one['settled']}/{one['trials']}", number(one["torque_rms_nm"], 3), _milliseconds(ms["median"]),
+        _milliseconds(ms["p99"]), str(one["unsolved"]),
         _percent(one["step_slope_share"]), _percent(one["push_share"]),
     ]  # fmt: skip
+
+
+def _milliseconds(value: float | None) -> str:
+    return "<.01" if value is not None and value < 0.01 else number(value, 2)
 
 
 def _percent(share: float | None) -> str:
@@ -185,7 +194,7 @@ def _differences(document: Mapping[str, Any]) -> list[list[str]]:
             for scenario, each in {"all": whole, **parts}.items():
                 said = _difference(each, unit, scale)
                 if measure == "lost" and scenario == "all" and (one["lost"] or controllers[reference]["lost"]):
-                    lost = [f"{controllers[who]['lost']}/{controllers[who]['trials']}" for who in (name, reference)]
+                    lost = [f"{controllers[who]['lost']}/{controllers[who]['trials']}" for who in (reference, name)]
                     said = said or [f"{lost[0]} to {lost[1]}", "-"]
                 if said:
                     rows.append([name, scenario, *said, str(each["pairs"])])

@@ -11,6 +11,8 @@ import pytest
 
 from design.present.study_html import COMPARED, as_html, differences, findings, headline
 from design.present.study_plots import MOST, chosen
+from design.present.study_text import as_text
+from design.present.text import painter
 from problems.comparison.summary import summary
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -204,6 +206,18 @@ def test_the_title_says_who_lost_contact_beside_whether_the_study_is_complete():
     assert 'id="contact">CONTACT KEPT in every trial<' in whole
     assert "by every controller" in _page(EDGES["all lost"][0])
     assert 'id="contact"' not in _page([])
+
+
+def test_the_text_of_every_controller_fits_80_columns_and_says_how_many_trials_settled():
+    quick = {"median_ms": 0.0005, "p99_ms": 0.0009, "max_ms": 0.02}
+    rows = [{**row, "seconds": quick} if row["trial"] is not None else row for row in _rows(TEN, ("ramp", LONG), 12)]
+    lines = as_text(_document(rows, ("ramp", LONG)), painter(False)).splitlines()
+    assert max(map(len, lines)) <= 80
+    assert next(line for line in lines if line.startswith("pd ")).split()[5] == "0/24"  # all were lost
+    assert next(line for line in lines if line.startswith("mpc ")).split()[5] == "24/24"
+    heads = [k for k, line in enumerate(lines) if line in ("trials that lost contact", "smallest contact force")]
+    assert lines[heads[0]] == "trials that lost contact"
+    assert any(re.match(r"  pd +all +0/24 to 24/24", line) for line in lines)
 
 
 def test_the_page_says_how_weights_were_chosen():

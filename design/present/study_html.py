@@ -61,9 +61,15 @@ def as_html(document: Document, rows: Sequence[Row]) -> str:
         hidden=max(0, len(trouble) - SHOWN),
         drawn=study_plots.chosen(controllers, document["reference"]),
         command=f"poise study SPEC --controllers {','.join(names)} --trials {document['trials']}"
-        f" --seed {document['seed']} -o FOLDER",
+        f" --seed {document['seed']}{_untuned(document)} -o FOLDER",
         **_pictures(document, rows, lines),
     )
+
+
+def _untuned(document: Document) -> str:
+    """The option of a study whose weights were not tuned."""
+    weights = document["tuning"]["weights"].values()
+    return " --no-tune" if weights and not any(its["evaluations"] for its in weights) else ""
 
 
 def _pictures(document: Document, rows: Sequence[Row], lines: list[dict[str, Any]]) -> dict[str, Any]:

@@ -157,7 +157,9 @@ def tuning_sentences(document: Mapping[str, Any]) -> list[str]:
             found.append(said)
     head = f"Weights are tuned to {objective['sense']} {objective['id']}, as gains are: the worst of the spec's"
     head += " scenarios, nominal body, noise that no trial has. An evaluation is one run of every scenario."
-    if tuning["instead_of"]:
+    if weights and not any(its["evaluations"] for its in weights.values()):
+        head = "Weights are those of [mpc] or its defaults; they were not tuned."
+    elif tuning["instead_of"]:
         head += f" (The spec's objective, {tuning['instead_of']}, cannot be read off a run.)"
     return [head, *found]
 

@@ -77,12 +77,13 @@ def conduct(
         message = f"is {unknown[0]!r}; allowed: {', '.join(NAMES)}"
         raise BadInput(message, key="--controllers")
     gains, starts, left_out = _gains(problem, list(dict.fromkeys(controllers or NAMES)), say)
+    tuned, unbuilt = all_tuned(problem, list(dict.fromkeys(controllers or NAMES)), say, tune=tune)
+    left_out |= unbuilt
     names = tuple(name for name in dict.fromkeys(controllers or NAMES) if name not in left_out)
     if not names:
         message = "none can be built: " + "; ".join(f"{name}: {why}" for name, why in left_out.items())
         raise BadInput(message, key="--controllers")
     todo = tasks(problem, names, problem.study.trials)
-    tuned = all_tuned(problem, names, say, tune=tune)
     reached = {name: value_of(problem, merit(problem, name, its, None)) for name, its in gains.items()} if tune else {}
     weights = {name: its.weights for name, its in tuned.items()}
     case = Case(

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from design.errors import BadInput
 from design.model.laws import Gains
 from design.spec.setting import Setting
 from problems.comparison.controllers import LQR, PREDICTIVE, actuator, controller
@@ -164,7 +165,12 @@ def tuned(problem: Setting, name: str) -> Tuned:
     def evaluate(point: Sequence[float]) -> Merit:
         weights = weights_at(point)
         if weights not in tried:
-            tried[weights] = merit(problem, name, None, weights)
+            try:
+                tried[weights] = merit(problem, name, None, weights)
+            except (ArithmeticError, ValueError):  # a Riccati equation without a numerical solution
+                if not tried:
+                    raise
+                tried[weights] = (-math.inf, -math.inf, -math.inf)
         return tried[weights]
 
     box = [DECADES[key] for key in free]
@@ -204,20 +210,29 @@ def search(
     return best
 
 
-def all_tuned(problem: Setting, names: Sequence[str], say: Callable[[str], None], *, tune: bool) -> dict[str, Tuned]:
-    """The weights of each of ``names`` that has some; those of the spec or its defaults if not to ``tune``."""
+def all_tuned(
+    problem: Setting, names: Sequence[str], say: Callable[[str], None], *, tune: bool
+) -> tuple[dict[str, Tuned], dict[str, str]]:
+    """The weights of each of ``names`` that has some, and why others cannot be built.
+
+    If not to ``tune``, the weights are those of the spec or its defaults.
+    """
     found: dict[str, Tuned] = {}
+    left_out: dict[str, str] = {}
     by_source: dict[str, Tuned] = {}
     for name in (name for name in names if name in TUNABLE):
         source = SHARED.get(name, name)
         if not tune:
             found[name] = Tuned(weights=initial(problem, name), of=source, fixed=(), evaluations=0)
             continue
-        if source not in by_source:
-            say(f"tuning the weights of {source} ...")
-            by_source[source] = tuned(problem, source)
-        found[name] = by_source[source]
-    return found
+        try:
+            if source not in by_source:
+                say(f"tuning the weights of {source} ...")
+                by_source[source] = tuned(problem, source)
+            found[name] = by_source[source]
+        except (BadInput, ArithmeticError, ValueError) as error:
+            left_out[name] = f"it cannot be built: {error}"
+    return found, left_out
 
 
 def _written(name: str, key: str) -> str:

@@ -23,7 +23,18 @@ from problems.comparison.measures import measures
 from problems.comparison.study import world, world_of
 from problems.comparison.summary import interval
 from problems.comparison.trial import run
-from problems.comparison.weights import FINEST, MOST, Weights, initial, merit, search, tuned, weighted, worlds
+from problems.comparison.weights import (
+    FINEST,
+    MOST,
+    Weights,
+    all_tuned,
+    initial,
+    merit,
+    search,
+    tuned,
+    weighted,
+    worlds,
+)
 from problems.lqr import ClippedLqr, contact_interval
 from problems.mpc_linear import LinearPlanner
 
@@ -73,6 +84,13 @@ def test_weights_that_the_spec_writes_are_kept():
     assert found.fixed == ("torque_weight",)
     both = tuned(_problem(NOISY + "[mpc]\ntorque_weight = 0.7\nrate_weight = 0.0\n"), "lqr")
     assert (both.weights, both.evaluations) == (Weights(0.7, 0.0), 1)
+
+
+def test_controllers_with_the_same_cost_share_their_weights():
+    found, left_out = all_tuned(_problem(), ["force", "mpc", "nmpc"], lambda _: None, tune=True)
+    assert list(found) == ["mpc", "nmpc"]
+    assert found["nmpc"] is found["mpc"]
+    assert not left_out
 
 
 def test_weights_are_tuned_on_the_nominal_body_with_noise_that_no_trial_has():

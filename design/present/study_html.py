@@ -127,20 +127,22 @@ def differences(document: Document, *, by_scenario: bool = False) -> list[dict[s
             counts = _counts(document, name) if measure == "lost" else ""
             split = by_scenario and len(whole["by_scenario"]) > 1 and not (counts and whole["mean"] == 0)
             parts = whole["by_scenario"] if split else {}
-            for scenario, its in [("all", whole), *parts.items()]:
+            for scenario, its in [(study_text.covered(whole), whole), *parts.items()]:
                 if its["pairs"] and its["mean"] is not None:
                     values = {key: None if its[key] is None else scale * its[key] for key in ("mean", "low", "high")}
                     line = {"name": name, "measure": measure, "words": words, "unit": unit, "better": better}
-                    line |= {"scenario": scenario, "counts": counts if scenario == "all" else ""}
+                    of = counts if its is whole or not counts else _counts(document, name, scenario)
+                    line |= {"scenario": scenario, "counts": of}
                     found.append({**line, **values, "pairs": its["pairs"]})
     return found
 
 
-def _counts(document: Document, name: str) -> str:
-    """How many trials lost contact, with the reference and with the controller ``name``."""
-    controllers = document["controllers"]
-    of, to = (f"{one['lost']}/{one['trials']}" for one in (controllers[document["reference"]], controllers[name]))
-    return f"{of} to {to}"
+def _counts(document: Document, name: str, scenario: str | None = None) -> str:
+    """How many trials lost contact, with the reference and with the controller ``name``; or of one ``scenario``."""
+    both = [document["controllers"][who] for who in (document["reference"], name)]
+    if scenario is None:
+        return " to ".join(f"{one['lost']}/{one['trials']}" for one in both)
+    return " to ".join(str(one["lost_in"].get(scenario, 0)) for one in both)
 
 
 def contact(document: Document) -> tuple[str, Style]:

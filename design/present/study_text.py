@@ -193,15 +193,21 @@ def _differences(document: Mapping[str, Any]) -> list[list[str]]:
             if not whole:
                 continue
             parts = whole["by_scenario"] if several and measure in BY_SCENARIO else {}
-            for scenario, each in {"all": whole, **parts}.items():
+            for scenario, each in [(covered(whole), whole), *parts.items()]:
                 said = _difference(each, unit, scale)
-                if measure == "lost" and scenario == "all" and (one["lost"] or controllers[reference]["lost"]):
+                if measure == "lost" and each is whole and (one["lost"] or controllers[reference]["lost"]):
                     lost = [f"{controllers[who]['lost']}/{controllers[who]['trials']}" for who in (reference, name)]
                     said = said or [f"{lost[0]} to {lost[1]}", "-"]
                 if said:
                     rows.append([name, scenario, *said, str(each["pairs"])])
         found += [[words if k == 0 else "", *row] for k, row in enumerate(rows)]
     return found
+
+
+def covered(whole: Mapping[str, Any]) -> str:
+    """Over which scenarios a difference is a mean: all, or as many as have a pair."""
+    count = len(whole["by_scenario"])
+    return "all" if whole["scenarios"] in (0, count) else f"{whole['scenarios']} of {count}"
 
 
 def _difference(each: Mapping[str, Any], unit: str, scale: float) -> list[str]:

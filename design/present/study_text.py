@@ -195,7 +195,7 @@ def _differences(document: Mapping[str, Any]) -> list[list[str]]:
             parts = whole["by_scenario"] if several and measure in BY_SCENARIO else {}
             for scenario, each in [(covered(whole), whole), *parts.items()]:
                 said = _difference(each, unit, scale)
-                if measure == "lost" and each is whole and (one["lost"] or controllers[reference]["lost"]):
+                if measure == "lost" and each is whole and each["pairs"] >= 3:
                     lost = [f"{controllers[who]['lost']}/{controllers[who]['trials']}" for who in (reference, name)]
                     said = said or [f"{lost[0]} to {lost[1]}", "-"]
                 if said:

@@ -332,21 +332,23 @@ def study(
     resume: Annotated[bool, typer.Option("--resume", help="Continue the study in the folder of -o.")] = False,
     repair: Annotated[bool, typer.Option("--repair", help="With --resume: leave out damaged lines.")] = False,
     force_new: Annotated[bool, typer.Option("--force-new", help="Begin anew; keep the old trials beside.")] = False,
+    tune: Annotated[bool, typer.Option("--tune/--no-tune", help="Tune the weights that [mpc] does not write.")] = True,
     format: Form = "text",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FOLDER", help="Keep trials there.")] = None,
     strict: Strict = False,
 ) -> None:
-    """Compare the paper's laws with predictive controllers, trial by trial in the same world and noise.
+    """Compare the paper's laws with LQR and predictive controllers, trial by trial in the same world and noise.
 
-    Controllers: pd, force, cop (with the spec's gains), each with -synthesized (with the best ones), mpc, nmpc,
-    mpc-oracle (knows the force), mpc-preview (and its future).
+    Controllers: pd, force, cop (with the spec's gains), each with -synthesized (with the best ones), lqr (clipped to
+    what keeps contact), mpc, nmpc, mpc-oracle (knows the force), mpc-preview (and its future). The weights of those
+    with a model are tuned on the nominal body by the spec's objective.
     """
     from design.present import terminal
     from problems import commands
 
     asked = (controllers, trials, seed, jobs, dask)
     printed, complete = commands.study(
-        spec, *asked, format, output, resume=resume, repair=repair, force_new=force_new, strict=strict
+        spec, *asked, format, output, resume=resume, repair=repair, force_new=force_new, tune=tune, strict=strict
     )
     terminal.deliver(printed, None)
     raise typer.Exit(MET if complete else UNDECIDED)

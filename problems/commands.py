@@ -131,6 +131,7 @@ def study(
     resume: bool,
     repair: bool,
     force_new: bool,
+    tune: bool,
     strict: bool,
 ) -> tuple[str, bool]:
     """What to print of a comparison, and whether it is complete; its trials are kept in the folder ``output``."""
@@ -153,6 +154,7 @@ def study(
             force_new=force_new,
             jobs=jobs or terminal.cores(),
             dask=dask,
+            tune=tune,
             say=say,
         )
     document = store.document("study", source, **conduct.facts(found, problem))

@@ -41,6 +41,8 @@ Array = NDArray[np.float64]
 PENALTY = 1e3
 """Cost of breaking a limit by its scale; the cost of e is 1 per rad² and step."""
 
+GRID = 0.005
+"""Ratio between neighbouring values of A for which a linear model is built."""
 
 WISH = 1.0
 """Cost of breaking a wish by its scale: enough to keep it where that is possible, and not to stand askew for it where

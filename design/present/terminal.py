@@ -11,12 +11,15 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from design.errors import BadInput, Infrastructure, PoiseError
 
 INTERRUPTED = 130
 BUG_REPORT = "poise-bug-report.txt"
+
+if TYPE_CHECKING:  # NumPy waits until there is something to paint
+    from design.present.text import Paint
 
 
 def out(text: str) -> None:
@@ -123,7 +126,7 @@ def deliver(result: str, output: str | None) -> None:
         out(result)
 
 
-def painter_for_output(*, to_file: bool = False) -> Callable[[str, str], str]:
+def painter_for_output(*, to_file: bool = False) -> Paint:
     """Colours where standard output is a terminal and NO_COLOR is not set."""
     from design.present.text import painter
 

@@ -38,7 +38,8 @@ class Setting:
     ``tolerances``. ``bounds`` (3, 2): lower and upper (K_p, K_d, K_f), or None. ``step`` is the Runge-Kutta step [s].
     ``adapt``: the time [s] within which theta_d follows the estimated posture, infinite where it is fixed. ``known``:
     the body that the law reckons with, where ``biped`` is another. ``target``: where the CoP is to come to rest, P_d
-    [m]. ``ground_loads``: slopes load the foot as well (``Biped.ground_loads``, ``under``).
+    [m]. ``ground_loads``: slopes load the foot as well (``Biped.ground_loads``, ``under``). ``fixed_weights``: the keys
+    of [mpc] that the spec writes, which a study does not tune.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Setting:
     target: float = 0.0
     written: tuple[float | None, float | None, float | None] = (None, None, None)
     ground_loads: bool = False
+    fixed_weights: frozenset[str] = frozenset()
 
     def loop(self) -> ClosedLoop:
         """The closed loop with the gains left open."""
@@ -198,6 +200,7 @@ def setting(spec: Spec) -> Setting:
         bounds=None if bounds is None else np.array([bounds.kp, bounds.kd, bounds.kf or [np.nan] * 2], dtype=float),
         step=spec.simulation.time_step_s,
         tuning=_tuning(spec.mpc),
+        fixed_weights=frozenset(spec.mpc.model_fields_set),
         sensors=_sensors(spec.noise),
         tolerances=_tolerances(spec.uncertainty, biped),
         study=spec.study,

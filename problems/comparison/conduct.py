@@ -21,8 +21,9 @@ from design.spec.load import Source
 from design.spec.setting import Setting
 from design.workers import processes
 from problems.comparison.controllers import LAWS, NAMES, PREDICTIVE, SYNTHESIZED, eased
-from problems.comparison.study import HEAD, Alive, Case, Row, check, key_of, study, tasks, with_options
+from problems.comparison.study import COLUMNS_VERSION, HEAD, Alive, Case, Row, check, key_of, study, tasks, with_options
 from problems.comparison.summary import summary
+from problems.comparison.weights import SHOWN, Tuned, all_tuned, criterion, merit, value_of
 
 __all__ = ["Study", "conduct", "facts", "with_options"]
 
@@ -39,8 +40,10 @@ SAME = "The spec has neither noise nor uncertainty: all trials of a scenario are
 class Study:
     """What was asked and what came of it: ``rows``, the ``gains`` of laws, who was ``left_out`` and why.
 
-    ``wanted`` counts the rows of the whole study; ``journal`` the rows that were there before (``resumed``), and the
-    lines that were left out because they were torn, damaged, incomplete, or of a trial that was there already.
+    ``tuned``: the weights of controllers that have a model. ``starts``: of the synthesis of each law's gains, where
+    they were sought. ``reached``: the objective in the loops by which weights are tuned, by law. ``wanted`` counts the
+    rows of the whole study; ``journal`` the rows that were there before (``resumed``), and the lines that were left out
+    because they were torn, damaged, incomplete, or of a trial that was there already.
     """
 
     controllers: tuple[str, ...]
@@ -48,6 +51,9 @@ class Study:
     trials: int
     seed: int
     gains: dict[str, Gains]
+    starts: dict[str, int]
+    tuned: dict[str, Tuned]
+    reached: dict[str, float | None]
     left_out: dict[str, str]
     rows: list[Row]
     wanted: int
@@ -65,25 +71,37 @@ def conduct(
     force_new: bool = False,
     jobs: int = 1,
     dask: str | None = None,
+    tune: bool = True,
     say: Say = lambda _: None,
 ) -> Study:
-    """Run the study of ``problem``, or what is still to do of the one in ``folder``; raises ``BadInput``."""
+    """Run the study of ``problem``, or what is still to do of the one in ``folder``; raises ``BadInput``.
+
+    Unless ``tune`` is false, weights that the spec does not write are tuned first (``problems.comparison.weights``).
+    """
     check(problem)
     unknown = [name for name in controllers or () if name not in NAMES]
     if unknown:
         message = f"is {unknown[0]!r}; allowed: {', '.join(NAMES)}"
         raise BadInput(message, key="--controllers")
-    gains, left_out = _gains(problem, list(dict.fromkeys(controllers or NAMES)), say)
+    gains, starts, left_out = _gains(problem, list(dict.fromkeys(controllers or NAMES)), say)
+    tuned, unbuilt = all_tuned(problem, list(dict.fromkeys(controllers or NAMES)), say, tune=tune)
+    left_out |= unbuilt
     names = tuple(name for name in dict.fromkeys(controllers or NAMES) if name not in left_out)
     if not names:
         message = "none can be built: " + "; ".join(f"{name}: {why}" for name, why in left_out.items())
         raise BadInput(message, key="--controllers")
     todo = tasks(problem, names, problem.study.trials)
-    case = Case(text=source.text, seed=problem.study.seed, gains=tuple(gains.items()))
+    reached = {name: value_of(problem, merit(problem, name, its, None)) for name, its in gains.items()} if tune else {}
+    weights = {name: its.weights for name, its in tuned.items()}
+    case = Case(
+        text=source.text, seed=problem.study.seed, gains=tuple(gains.items()), weights=tuple(weights.items())
+    )  # fmt: skip
     identity = {
         "spec": {"name": source.spec.name, "sha256": source.sha256},
         "controllers": list(names),
         "gains": {name: gains_json(its) for name, its in gains.items()},
+        "weights": {name: its._asdict() for name, its in weights.items()},
+        "columns": COLUMNS_VERSION,
         "seed": problem.study.seed,
         "versions": {**{name: version for name, version in provenance().items() if name != "python"}, "code": code()},
     }
@@ -116,6 +134,9 @@ def conduct(
         trials=problem.study.trials,
         seed=problem.study.seed,
         gains=gains,
+        starts=starts,
+        tuned=tuned,
+        reached=reached,
         left_out=left_out,
         rows=[json.loads(json.dumps(row)) for row in rows],
         wanted=len(todo),
@@ -123,9 +144,10 @@ def conduct(
     )
 
 
-def _gains(problem: Setting, names: Sequence[str], say: Say) -> tuple[dict[str, Gains], dict[str, str]]:
-    """Gains of the laws among ``names``, and why others have none."""
+def _gains(problem: Setting, names: Sequence[str], say: Say) -> tuple[dict[str, Gains], dict[str, int], dict[str, str]]:
+    """Gains of the laws among ``names``, the starts of those that were sought, and why others have none."""
     gains: dict[str, Gains] = {}
+    starts: dict[str, int] = {}
     left_out: dict[str, str] = {}
     for name in names:
         if name in LAWS:
@@ -136,23 +158,24 @@ def _gains(problem: Setting, names: Sequence[str], say: Say) -> tuple[dict[str, 
                 gains[name] = own
         elif name in SYNTHESIZED:
             say(f"synthesizing gains for {name} ...")
-            its, why = _synthesized(problem.with_law(SYNTHESIZED[name]))
+            its, tried, why = _synthesized(problem.with_law(SYNTHESIZED[name]))
             if its is None:
                 left_out[name] = why
             else:
-                gains[name] = its
-    return gains, left_out
+                gains[name], starts[name] = its, tried
+    return gains, starts, left_out
 
 
-def _synthesized(problem: Setting) -> tuple[Gains | None, str]:
+def _synthesized(problem: Setting) -> tuple[Gains | None, int, str]:
+    """Gains, the starts that were tried, and why there are none."""
     from problems.robust import solve
 
     if problem.bounds is None:
-        return None, "the spec has no [synthesis.bounds]"
-    outcome = solve(problem).outcome
-    if outcome.status is not Status.SOLVED:
-        return None, f"synthesis: {outcome.status.value}"
-    return outcome.value.gains, ""
+        return None, 0, "the spec has no [synthesis.bounds]"
+    answer = solve(problem)
+    if answer.outcome.status is not Status.SOLVED:
+        return None, answer.starts, f"synthesis: {answer.outcome.status.value}"
+    return answer.outcome.value.gains, answer.starts, ""
 
 
 def _followed(rows: Iterator[Row], wanted: int, there: int, say: Say) -> Iterator[Row]:
@@ -250,6 +273,33 @@ def _left_out(study: Study) -> str:
     return f"Lines of the journal that were left out, their trials run again: {', '.join(parts)}." if parts else ""
 
 
+def _tuning(study: Study, problem: Setting) -> dict[str, Any]:
+    """By which objective, with how many evaluations, and to what value weights were tuned and gains sought."""
+    from problems.gains.starts import CANDIDATES
+
+    id = criterion(problem)
+    measure, unit, sign = SHOWN[id]
+    return {
+        "objective": {"id": id, "unit": unit, "sense": "maximise" if sign > 0 else "minimise", "measure": measure},
+        "instead_of": problem.objective if id != problem.objective else None,
+        "weights": {
+            name: {
+                **its.weights._asdict(), "fixed": list(its.fixed), "tuned_with": its.of,
+                "evaluations": its.evaluations, "value": its.value, "value_before": its.before,
+            }
+            for name, its in study.tuned.items()
+        },
+        "gains": {
+            name: {
+                "value": study.reached.get(name),
+                "surveyed": CANDIDATES if name in study.starts else 0,
+                "starts": study.starts.get(name, 0),
+            }
+            for name in study.gains
+        },
+    }  # fmt: skip
+
+
 def facts(study: Study, problem: Setting) -> dict[str, Any]:
     """What a study's JSON says beside the common part."""
     repeated = problem.sensors.exact and problem.tolerances.none
@@ -263,6 +313,7 @@ def facts(study: Study, problem: Setting) -> dict[str, Any]:
         "scenarios": [scenario.name for scenario in problem.scenarios],
         "reference": study.reference,
         "gains": {name: gains_json(its) for name, its in study.gains.items()},
+        "tuning": _tuning(study, problem),
         "left_out": study.left_out,
         "journal": study.journal,
         "remark": " ".join(

@@ -12,7 +12,7 @@ import math
 import threading
 import time
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -22,13 +22,16 @@ import numpy as np
 
 from design import workers
 from design.errors import BadInput, Infrastructure
+from design.model.environment import varied
 from design.model.laws import Gains
+from design.present.store import gains_json
 from design.spec.load import parse
 from design.spec.setting import Setting, setting
 from problems.comparison.controllers import actuator, controller
 from problems.comparison.measures import measures, trace
 from problems.comparison.survival import DISTURBANCES, survived
 from problems.comparison.trial import World, run
+from problems.comparison.weights import Weights, weighted
 
 Row = dict[str, Any]
 
@@ -40,15 +43,21 @@ WATCH_S = 1.0
 """Time between two looks at whether the workers still work [s]."""
 Alive = Callable[[], None]
 """Raises ``Infrastructure`` if what runs the trials is gone."""
+COLUMNS_VERSION = 2
+"""Of a row's keys: since 2 it holds the world that was drawn, and the gains and weights of its controller."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """All that a worker needs to know of a study; plain data. ``gains`` by controller, where it is a law."""
+    """All that a worker needs to know of a study; plain data.
+
+    ``gains`` by controller, where it is a law, and ``weights`` where it has a model.
+    """
 
     text: str
     seed: int
     gains: tuple[tuple[str, Gains], ...]
+    weights: tuple[tuple[str, Weights], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,17 +111,56 @@ def check(problem: Setting) -> None:
 
 def world(problem: Setting, scenario: str, trial: int, seed: int) -> World:
     """The body, the world and the noise of a ``trial``; the same for every controller."""
-    stream = [seed, zlib.crc32(scenario.encode()), trial]
-    shares = np.random.default_rng([*stream, 0]).uniform(-1.0, 1.0, 7)
-    biped, real = problem.tolerances.drawn(problem.biped, problem.scenario(scenario), shares.tolist())
-    periods = max(1, math.ceil(real.duration / problem.study.control_period_s - 1e-6))
-    noise = None if problem.sensors.exact else np.random.default_rng([*stream, 1]).standard_normal((periods, 4))
+    return world_of(problem, drawn(problem, scenario, trial, seed))
+
+
+def drawn(problem: Setting, scenario: str, trial: int, seed: int) -> Row:
+    """What is drawn for a trial, and the seed of its noise: the columns from which ``world_of`` makes its world.
+
+    ``slope_rad`` [rad] and ``ramp_s`` [s] are None where the scenario has none.
+    """
+    shares = np.random.default_rng([seed, zlib.crc32(scenario.encode()), trial, 0]).uniform(-1.0, 1.0, 7).tolist()
+    body, tolerances, nominal = problem.biped, problem.tolerances, problem.scenario(scenario)
+    names = {"mass_kg": "M", "com_height_m": "L", "inertia_kgm2": "I", "foot_mass_kg": "m", "half_length_m": "ell"}
+    numbers = {
+        key: getattr(tolerances, name).around(getattr(body, name), share)
+        for (key, name), share in zip(names.items(), shares[:5], strict=True)
+    }
+    final, ramp = float(nominal.signal[0, -1]), float(nominal.times[-1])
+    tilts, grows = nominal.kind == "slope", nominal.kind in ("slope", "force") and ramp > 0
+    return {
+        "scenario": scenario, "trial": trial, "seed": seed, **numbers,
+        "slope_rad": tolerances.slope.around(final, shares[5]) if tilts else None,
+        "ramp_s": tolerances.ramp.around(ramp, shares[6]) if grows else None,
+    }  # fmt: skip
+
+
+def world_of(problem: Setting, row: Mapping[str, Any]) -> World:
+    """The world of a trial, from the columns of its ``row``; ``problem`` is that of the study's spec."""
+    biped, real = problem.biped, problem.scenario(row["scenario"])
+    if not problem.tolerances.none:
+        biped = replace(
+            biped, M=row["mass_kg"], L=row["com_height_m"], I=row["inertia_kgm2"], m=row["foot_mass_kg"],
+            ell=row["half_length_m"],
+        )  # fmt: skip
+        real = varied(real, biped, slope=lambda _: float(row["slope_rad"]), ramp=lambda _: float(row["ramp_s"]))
+    noise = None
+    if not problem.sensors.exact:
+        periods = max(1, math.ceil(real.duration / problem.study.control_period_s - 1e-6))
+        stream = [row["seed"], zlib.crc32(row["scenario"].encode()), row["trial"], 1]
+        noise = np.random.default_rng(stream).standard_normal((periods, 4))
     return World(biped=biped, scenario=real, sensors=problem.sensors, draws=noise, target=problem.target)
 
 
 @lru_cache(maxsize=4)
 def _problem(text: str) -> Setting:
     return setting(parse(text, origin="study").spec).throughout("a study")
+
+
+@lru_cache(maxsize=16)
+def _weighted(text: str, controller: str, weights: Weights | None) -> Setting:
+    """The problem with a controller's weights; the same object each time, since predictions are kept by it."""
+    return weighted(_problem(text), controller, weights)
 
 
 @lru_cache(maxsize=8)
@@ -128,12 +176,17 @@ def perform(case: Case, task: Task) -> Row:
 
 
 def _perform(case: Case, task: Task) -> Row:
-    problem = _problem(case.text)
+    weights = dict(case.weights).get(task.controller)
+    problem = _weighted(case.text, task.controller, weights)
     gains = dict(case.gains).get(task.controller)
-    head = {"controller": task.controller, "scenario": task.scenario, "trial": task.trial}
+    head = {
+        "controller": task.controller, "scenario": task.scenario, "trial": task.trial,
+        **(gains_json(gains) if gains else {}), **(weights._asdict() if weights else {}),
+    }  # fmt: skip
     if task.trial is None:
         return {**head, **survived(task.scenario, task.controller, problem, gains)}
     real = _world(case.text, task.scenario, task.trial, case.seed)
+    head |= drawn(problem, task.scenario, task.trial, case.seed)
     control = controller(task.controller, problem, gains, real.scenario)
     happened = run(real, control, actuator(problem), problem.step)
     row = {**head, **measures(real, happened)}

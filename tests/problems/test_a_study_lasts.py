@@ -29,7 +29,7 @@ from design.workers import Here, processes
 from problems.comparison import conduct as conducted
 from problems.comparison import study as asked
 from problems.comparison.conduct import conduct, facts
-from problems.comparison.study import Case, Task, perform, study, tasks
+from problems.comparison.study import COLUMNS_VERSION, Case, Task, perform, study, tasks
 from problems.comparison.summary import interval, summary
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -324,6 +324,21 @@ def test_a_changed_study_is_refused_and_an_unchanged_one_has_nothing_left_to_do(
     changed = NOISY.replace("kd = 1200.0", "kd = 1100.0")
     with pytest.raises(BadInput, match="spec"):
         conduct(parse(changed, origin="noisy"), _problem(changed), ["force"], folder=folder, resume=True)
+
+
+def test_a_study_of_an_earlier_version_is_refused_in_a_line_that_says_what_its_rows_lack(tmp_path):
+    source, problem = parse(NOISY, origin="noisy"), _problem()
+    small = replace(problem, study=problem.study.model_copy(update={"trials": 1}))
+    conduct(source, small, ["force"], folder=str(tmp_path))
+    journal = tmp_path / "trials.jsonl"
+    head, *rest = journal.read_text(encoding="utf-8").splitlines(keepends=True)
+    identity = json.loads(head)["identity"]
+    assert identity.pop("columns") == COLUMNS_VERSION
+    identity.pop("weights")
+    journal.write_text("".join([json.dumps({"journal": 1, "identity": identity}) + "\n", *rest]), encoding="utf-8")
+    with pytest.raises(BadInput, match=r"columns was absent, now 2") as refused:
+        conduct(source, small, ["force"], folder=str(tmp_path), resume=True)
+    assert "\n" not in str(refused.value)
 
 
 def test_more_trials_of_the_same_study_can_be_added(tmp_path):

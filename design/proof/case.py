@@ -21,8 +21,6 @@ NAMES = ("M", "L", "I", "m", "ell", "slope", "ramp")
 """The parameters of a box: of the body, and a slope's final angle and a ramp's time."""
 CALM = 14.0
 """Time constants of the slowest pole for which a loop is watched after the end, before it counts as at rest."""
-MOST = 100_000
-"""Pieces for that, at most."""
 
 
 class NotProved(Exception):
@@ -31,6 +29,10 @@ class NotProved(Exception):
     def __init__(self, why: str, influence: dict[int, float] | None = None) -> None:
         super().__init__(why)
         self.influence = influence or {}
+
+
+class OutOfTime(Exception):
+    """The deadline has passed; nothing is known of what was begun."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -124,8 +126,7 @@ def longer(case: Case) -> Case:
     decay = -float(np.linalg.eigvals(matrix).real.max())
     if decay <= 0:
         return case
-    rest = min(CALM / decay, MOST * case.step)
-    return replace(case, scenario=replace(scenario, duration=scenario.duration + rest))
+    return replace(case, scenario=replace(scenario, duration=scenario.duration + CALM / decay))
 
 
 def goes_on(scenario: Scenario) -> bool:
@@ -133,11 +134,7 @@ def goes_on(scenario: Scenario) -> bool:
     return scenario.steady_from >= scenario.duration and bool(np.ptp(scenario.signal, axis=1).any())
 
 
-def pieces(scenario: Scenario, step: float) -> tuple[Array, Array, tuple[Array, Array]]:
-    """Edges (n + 1,), lengths (n,), and the signal at both ends of each piece, each (j, n)."""
-    steps = scenario.steps(step)
-    real = steps.h > 0
-    edges = np.append(steps.t[:-1][real], steps.t[-1])
+def signals(scenario: Scenario, edges: Array) -> tuple[Array, Array]:
+    """The signal at both ends of each piece between ``edges`` (n + 1,), each (j, n)."""
     middle = 0.5 * (edges[:-1] + edges[1:])
-    inside = scenario.signal_by
-    return edges, np.diff(edges), (inside(middle, edges[:-1]), inside(middle, edges[1:]))
+    return scenario.signal_by(middle, edges[:-1]), scenario.signal_by(middle, edges[1:])

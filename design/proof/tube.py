@@ -16,20 +16,19 @@ the body and world count with all that is within 1e-14 of them, what the law rec
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from design.model.closed_loop import closed_loop
-from design.model.laws import swing
-from design.proof.case import NAMES, Case, NotProved, goes_on, longer, pieces
+from design.proof.case import NAMES, Case, NotProved, goes_on, longer, signals
 from design.proof.equations import Equations, Parts
 from design.proof.norm import norm
 from design.proof.readout import Reach, quantities, reach_of
 from design.proof.taylor import ROUNDING, UP, Model, blank
+from design.proof.trajectory import trajectory
 from design.proof.windows import Norms, norms
 
 Array = NDArray[np.float64]
@@ -38,6 +37,8 @@ ROUNDS = 8
 """How often the assumed radius of the tube is enlarged."""
 WIDER = 1.2
 """How much wider than the tube that came of it the next assumed one is."""
+CUTS = 8
+"""Parts of each piece that have bounds of their own."""
 SLIVER = 1e-15
 """By what part of the time, or of 1 s, a corner may lie off the float it is read as."""
 
@@ -60,10 +61,10 @@ class Bounds:
     influence: dict[int, float]
 
 
-def bounds(case: Case) -> Bounds:
-    """The bounds for ``case``; raises ``NotProved``."""
+def bounds(case: Case, deadline: float = math.inf) -> Bounds:
+    """The bounds for ``case``; raises ``NotProved``, and ``OutOfTime`` after the ``deadline`` (``time.monotonic``)."""
     try:
-        tube = _Tube(case)
+        tube = _Tube(case, deadline)
     except ValueError as error:
         raise NotProved(str(error)) from error
     try:
@@ -82,17 +83,20 @@ class End(NamedTuple):
 class _Tube:
     """The approximate trajectories as models, and what is computed of them."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: Case, deadline: float) -> None:
         self.case, self.k, self.size = longer(case), len(case.moving), case.size
         if goes_on(case.scenario) and case.radii[NAMES.index("ramp")] > 0:
             message = "the ramp may end sooner or later than the scenario; lengthen duration_s"
             raise NotProved(message)
         self.equations = Equations(self.case)
-        self.edges, self.h, shares = pieces(self.case.scenario, case.step)
+        self.trajectory = trajectory(self.case, deadline)
+        self.edges, self.deadline = self.trajectory.edges, deadline
+        self.h = np.diff(self.edges)
         self.n = len(self.h)
-        self.x, self.gap = self._approximation()
+        self.x, self.gap = self._approximation(self.trajectory.c)
         self.scale = self._time_scale()
-        self.parts = self.equations.parts(self.x, self.equations.world(self.n, shares))
+        ends = signals(self.case.scenario, self.edges)
+        self.parts = self.equations.parts(self.x, self.equations.world(self.n, ends))
 
     # ---- the approximate trajectories
 
@@ -107,17 +111,17 @@ class _Tube:
             half.c[on, 1 + self.case.moving.index(ramp), 0] = 0.5 * self.h[on] * self.case.radii[ramp] / last
         return Model(half.c, ROUNDING * np.abs(half.c).sum(axis=(1, 2)))
 
-    def _approximation(self) -> tuple[list[Model], Array]:
-        """States as models without rest (polynomials by definition), and the gaps (n, size) at the pieces' begins."""
-        nominal = self._hermite({})
-        c = [blank(self.n, self.k) for _ in range(self.size)]
+    def _approximation(self, c: Array) -> tuple[list[Model], Array]:
+        """States as models without rest (polynomials by definition), and the gaps (n, size) at the pieces' begins.
+
+        ``c`` (n, w, size, degree + 1): the polynomials of ``design.proof.trajectory``.
+        """
+        rows = np.concatenate([c[:, :1], 0.5 * (c[:, 1::2] - c[:, 2::2])], axis=1)
+        models = []
         for j in range(self.size):
-            c[j][:, 0, :4] = nominal[j]
-        for i, k in enumerate(self.case.moving):
-            moved = 0.5 * (self._hermite({k: 1.0}) - self._hermite({k: -1.0}))
-            for j in range(self.size):
-                c[j][:, 1 + i, :4] = moved[j]
-        models = [Model(part, np.zeros(self.n)) for part in c]
+            part = blank(self.n, self.k)
+            part[:] = rows[:, :, j]
+            models.append(Model(part, np.zeros(self.n)))
         gap = np.zeros((self.n, self.size))
         for j, model in enumerate(models):
             begin, end = model.at(-1.0), model.at(1.0)
@@ -128,43 +132,6 @@ class _Tube:
             gap[0, j] = np.abs(begin[0] - true).sum() + ROUNDING * (size[0] + abs(start))
             gap[1:, j] = np.abs(begin[1:] - end[:-1]).sum(axis=1) + ROUNDING * (size[1:] + size[:-1])
         return models, UP * gap
-
-    def _hermite(self, shares: dict[int, float]) -> Array:
-        """Coefficients (size, n, 4) of the cubics through the samples of one body and world."""
-        case = self.case
-        biped, scenario = case.at(shares)
-        known = case.believed if case.size > 3 or case.kind == "cop" else None
-        loop = closed_loop(biped, case.kind, case.theta_d, case.adapt, known)
-        edges, h = self.edges, self.h
-        if scenario.times[-1] != case.scenario.times[-1]:  # another ramp: the same shares of it
-            old, new = float(case.scenario.times[-1]), float(scenario.times[-1])
-            edges = np.where(edges <= old * (1 + 1e-12), edges * (new / old), edges + (new - old))
-            h = np.diff(edges)
-        middle = edges[:-1] + 0.5 * h
-        inside = scenario.signal_by
-        forces = [scenario.to_force(inside(middle, at)) for at in (edges[:-1], middle, edges[1:])]
-        u = np.vstack([h, *forces])
-        K = ca.repmat(ca.DM(case.gains), 1, self.n)
-        z0 = ca.DM(loop.start(scenario.theta0, scenario.omega0))
-        after = loop.march(self.n)(z0, ca.DM(u), K).full()
-        z = np.column_stack([z0.full(), after])
-        rate = loop.rate.map(self.n)
-        begin = rate(z[:, :-1], forces[0], K).full() * (0.5 * h)
-        end = rate(z[:, 1:], forces[2], K).full() * (0.5 * h)
-        if not (np.isfinite(z).all() and (np.abs(z[0]) < 1.5).all()):
-            message = "the body falls"
-            raise NotProved(message)
-        a, b = z[:, :-1], z[:, 1:]
-        cubic = [
-            0.5 * (a + b) + 0.25 * (begin - end), 0.75 * (b - a) - 0.25 * (begin + end), 0.25 * (end - begin),
-            0.25 * (a - b) + 0.25 * (begin + end),
-        ]  # fmt: skip
-        found = np.stack(cubic, axis=-1)[: self.size]
-        if case.kind == "cop":
-            found[2] *= float(case.gathering) / case.believed.ell
-        if case.size > 3:  # from eta to theta_d
-            found[3] -= swing(case.believed, case.adapt) * found[1]
-        return found
 
     # ---- all together
 
@@ -232,13 +199,13 @@ class _Tube:
 
     def _read(self, D: Array, its: Norms, end: End | None) -> Bounds:
         n = self.n
-        low, high = quantities(self.equations, self.x, self.parts, D[:n], its.inverse[:n])
-        t = self.edges[:-1]
+        low, high = quantities(self.equations, self.x, self.parts, D[:n], its.inverse[:n], cuts=CUTS)
+        t = (self.edges[:-1, None] + self.h[:, None] * np.arange(CUTS) / CUTS).ravel()
         if end is not None:
             low_end, high_end = quantities(self.equations, *end, D[n:], its.inverse[n:])
             low = {id: np.append(low[id], low_end[id]) for id in low}
             high = {id: np.append(high[id], high_end[id]) for id in high}
-            t = self.edges
+            t = np.append(t, self.edges[-1])
         return Bounds(
             t=t, low=low, high=high, radius=float(D.max()), rate=float(its.rate.min()), influence=self.influence()
         )  # fmt: skip

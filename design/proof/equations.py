@@ -44,6 +44,11 @@ class Parts(NamedTuple):
     load: Model
     flow: list[Model]
 
+    def parted(self, m: int) -> Parts:
+        """The same with each piece cut into ``m``."""
+        *single, flow = self
+        return Parts(*(model.parted(m) for model in single), [model.parted(m) for model in flow])
+
 
 class Equations:
     """The equations over one box; states as in ``Case.size``."""

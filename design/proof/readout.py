@@ -76,13 +76,8 @@ def gathering(equations: Equations, x: list[Model], parts: Parts, reach: Reach) 
     return gather, z.times(bend), z.times(2.0).times(omega).times(cosine)
 
 
-def quantities(
-    equations: Equations, x: list[Model], parts: Parts, D: Array, inverse: Array, *, cuts: int = 1
-) -> tuple[Series, Series]:
-    """Lower and upper bounds over pieces, in which the tube's radius is ``D`` (n,); ``inverse`` (n, m, m), of P.
-
-    Each piece is cut into so many ``cuts``, and has as many bounds.
-    """
+def quantities(equations: Equations, x: list[Model], parts: Parts, D: Array, inverse: Array) -> tuple[Series, Series]:
+    """Lower and upper bounds over pieces, in which the tube's radius is ``D`` (n,); ``inverse`` (n, m, m), of P."""
     n, case = len(D), equations.case
     p, felt = equations.numbers(n), case.felt.tolist()
     tau, turning, sine, load = parts.tau, parts.turning, parts.sine, parts.load
@@ -108,9 +103,8 @@ def quantities(
     low, high = {}, {}
     for id, model, slack in (("toe-force", toe, slack_force), ("heel-force", heel, slack_force),
                              ("torque", tau, slack_torque), ("load", load, slack_load)):  # fmt: skip
-        bottom, top = model.parted(cuts).bounds() if cuts > 1 else model.bounds()
-        slack = np.repeat(slack, cuts) * UP
-        low[id], high[id] = bottom - slack, top + slack
+        bottom, top = model.bounds()
+        low[id], high[id] = bottom - slack * UP, top + slack * UP
     most = np.maximum(np.abs(low["torque"]), np.abs(high["torque"]))
     with np.errstate(all="ignore"):
         away = np.where(low["load"] > 0, most / low["load"], np.inf) * UP

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from design.proof.case import NAMES, Case, NotProved, goes_on, longer, signals
 from design.proof.equations import Equations, Parts
-from design.proof.norm import norm
+from design.proof.norm import falls, norm
 from design.proof.readout import Reach, quantities, reach_of
 from design.proof.taylor import ROUNDING, UP, Model, blank
 from design.proof.trajectory import trajectory
@@ -38,7 +38,7 @@ ROUNDS = 8
 WIDER = 1.2
 """How much wider than the tube that came of it the next assumed one is."""
 CUTS = 8
-"""Parts of each piece that have bounds of their own."""
+"""Parts of each piece that have bounds of their own; a power of 2."""
 SLIVER = 1e-15
 """By what part of the time, or of 1 s, a corner may lie off the float it is read as."""
 
@@ -89,25 +89,35 @@ class _Tube:
             message = "the ramp may end sooner or later than the scenario; lengthen duration_s"
             raise NotProved(message)
         self.equations = Equations(self.case)
-        self.trajectory = trajectory(self.case, deadline)
-        self.edges, self.deadline = self.trajectory.edges, deadline
-        self.h = np.diff(self.edges)
+        self.trajectory, self.deadline = trajectory(self.case, deadline), deadline
+        edges, self.h = self.trajectory.edges, np.diff(self.trajectory.edges)
         self.n = len(self.h)
-        self.x, self.gap = self._approximation(self.trajectory.c)
-        self.scale = self._time_scale()
-        ends = signals(self.case.scenario, self.edges)
-        self.parts = self.equations.parts(self.x, self.equations.world(self.n, ends))
+        x, gap = self._approximation(self.trajectory.c)
+        scale = self._time_scale(edges)
+        parts = self.equations.parts(x, self.equations.world(self.n, signals(self.case.scenario, edges)))
+        moved = np.stack([f.size() for f in parts.flow], axis=1)
+        gap += SLIVER * (1 + edges[:-1, None]) * (moved + np.roll(moved, 1, axis=0))
+        off = [(each.slope() - scale * f).parted(CUTS).size() for each, f in zip(x, parts.flow, strict=True)]
+        self.defects = np.stack(off, axis=1) / CUTS
+        self.last = [model.at(1.0)[-1] for model in x]
+        self.jump = ROUNDING * np.array([[np.abs(model.c[-1]).sum() for model in x]])
+        # the same in shorter pieces, that each may have bounds of its own
+        self.x, self.parts = [model.parted(CUTS) for model in x], parts.parted(CUTS)
+        self.edges = np.append((edges[:-1, None] + self.h[:, None] * np.arange(CUTS) / CUTS).ravel(), edges[-1])
+        self.n, self.h = CUTS * self.n, np.repeat(self.h / CUTS, CUTS)
+        self.gap = np.zeros((self.n, self.size))
+        self.gap[::CUTS] = gap
 
     # ---- the approximate trajectories
 
-    def _time_scale(self) -> Model:
+    def _time_scale(self, edges: Array) -> Model:
         """h(p)/2 of each piece: a ramp that takes longer stretches its pieces."""
         half = self.equations.number("", 0.0, self.n)
         half.c[:, 0, 0] = 0.5 * self.h
         ramp = NAMES.index("ramp")
         if ramp in self.case.moving:
             last = float(self.case.scenario.times[-1])
-            on = self.edges[1:] <= last * (1 + 1e-12)
+            on = edges[1:] <= last * (1 + 1e-12)
             half.c[on, 1 + self.case.moving.index(ramp), 0] = 0.5 * self.h[on] * self.case.radii[ramp] / last
         return Model(half.c, ROUNDING * np.abs(half.c).sum(axis=(1, 2)))
 
@@ -137,17 +147,15 @@ class _Tube:
 
     def bounds(self) -> Bounds:
         """Assume a reach, bound the tube, and enlarge the reach until the tube stays within it."""
-        flow = self.parts.flow
-        defects = np.stack([(x.slope() - self.scale * f).size() for x, f in zip(self.x, flow, strict=True)], axis=1)
         end = self._end()
         places = [(self.x, self.parts), *([end] if end is not None else [])]
-        moved = np.stack([f.size() for f in flow], axis=1)
-        gap = self.gap + SLIVER * (1 + self.edges[:-1, None]) * (moved + np.roll(moved, 1, axis=0))
+        gap, defects = self.gap, self.defects
         cop = self.case.kind == "cop"
         pieces = self.n + (end is not None)
         assumed = Reach(*(np.full(pieces, part) for part in (1e-6, 1e-5, 1e-2)))
+        its: Norms | None = None
         for _ in range(ROUNDS):
-            its = norms(self.equations, places, defects, assumed)
+            its = norms(self.equations, places, defects, self.h, assumed, self.deadline, its)
             D = self._radius(its, defects, gap, end)
             reach = reach_of(self.case.felt, its.inverse, D)
             if not np.isfinite(D).all():
@@ -166,9 +174,9 @@ class _Tube:
         if goes_on(scenario):
             return None
         states = []
-        for model in self.x:
+        for last in self.last:
             c = blank(1, self.k)
-            c[0, :, 0] = model.at(1.0)[-1]
+            c[0, :, 0] = last
             states.append(Model(c, np.zeros(1)))
         signal = scenario.signal[:, -1:]
         return End(states, self.equations.parts(states, self.equations.world(1, (signal, signal))))
@@ -176,31 +184,33 @@ class _Tube:
     def _radius(self, its: Norms, defects: Array, gap: Array, end: End | None) -> Array:
         """D over each piece, and after the end (last, if it ever rests)."""
         n, size = self.n, np.abs(its.P)
-        h = self.h / UP
         ramp = NAMES.index("ramp")
-        if self.case.radii[ramp] > 0:
-            h = h * max(0.0, 1 - self.case.radii[ramp] / float(self.case.scenario.times[-1])) / UP
+        stretch = self.case.radii[ramp] / float(self.case.scenario.times[-1]) if self.case.radii[ramp] > 0 else 0.0
+        shortest, longest = self.h * max(1 - stretch * UP, 1e-300) / UP, self.h * (1 + stretch) * UP
         added = 2 * norm(size[:n], defects)
         gaps = norm(size[:n], gap)
-        shrink = (1.0 / (1.0 + its.rate[:n] * h)) * UP  # exp(-x) <= 1/(1 + x)
+        # a constant defect leads to ``rest`` in the end, |D - rest| falling by a factor from ``least`` to ``most``
+        rest = added / (its.rate[:n] * shortest) * UP
+        least, most = falls(its.rate[:n] * longest * UP)[0], falls(its.rate[:n] * shortest / UP)[1]
         coming = np.append(norm(size[: n - 1], gap[1:]), 0.0)  # a corner may come early by a sliver
         D = np.zeros(len(its.c))
         now = 0.0
-        each = zip(*(part.tolist() for part in (its.c[:n], gaps, added, coming, shrink)), strict=True)
-        for k, (factor, step, more, following, less) in enumerate(each):
-            now = now * factor + step
-            D[k] = (now + more + following) * UP
-            now = min(now * less + more, D[k]) * UP
+        each = zip(*(part.tolist() for part in (its.c[:n], gaps, added, coming, rest, least, most)), strict=True)
+        for k, (factor, step, more, following, end_of_it, slow, fast) in enumerate(each):
+            now = (now * factor + step) * UP
+            D[k] = (min(now + more, max(now, end_of_it)) + following) * UP
+            way = now - end_of_it
+            now = min(now * fast + more, end_of_it + max(way * slow, way * fast) + ROUNDING * end_of_it, D[k]) * UP
         if end is not None:
             drift = norm(size[n:], np.array([[f.size()[0] for f in end.parts.flow]]))[0] / its.rate[n]
-            jump = norm(size[n:], np.array([[ROUNDING * model.size()[0] for model in end.states]]))[0]
+            jump = norm(size[n:], self.jump)[0]
             D[n] = UP * max(now * its.c[n] * UP + float(jump), float(drift))
         return D
 
     def _read(self, D: Array, its: Norms, end: End | None) -> Bounds:
         n = self.n
-        low, high = quantities(self.equations, self.x, self.parts, D[:n], its.inverse[:n], cuts=CUTS)
-        t = (self.edges[:-1, None] + self.h[:, None] * np.arange(CUTS) / CUTS).ravel()
+        low, high = quantities(self.equations, self.x, self.parts, D[:n], its.inverse[:n])
+        t = self.edges[:-1]
         if end is not None:
             low_end, high_end = quantities(self.equations, *end, D[n:], its.inverse[n:])
             low = {id: np.append(low[id], low_end[id]) for id in low}

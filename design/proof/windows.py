@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from design.proof.case import Case, NotProved
 from design.proof.equations import Equations, Parts
 from design.proof.jacobian import Ranges, ranges
-from design.proof.norm import contracting, inverted, transfer
+from design.proof.norm import Norm, contracting, inverted, transfer
 from design.proof.readout import Reach, gathering, stiffness
 from design.proof.spans import Span
 from design.proof.taylor import Model
@@ -42,23 +42,29 @@ class Norms:
     c: Array
 
 
-def norms(equations: Equations, places: list[tuple[list[Model], Parts]], defects: Array, reach: Reach) -> Norms:
-    """Norms for the pieces of all ``places``, one after the other; raises ``NotProved``.
+def norms(
+    equations: Equations, places: list[tuple[list[Model], Parts]], defects: Array, h: Array, reach: Reach,
+    deadline: float, before: Norms | None,
+) -> Norms:  # fmt: skip
+    """Norms for the pieces of all ``places``, one after the other; raises ``NotProved``, ``OutOfTime``.
 
-    ``defects`` (n, m) are those of the pieces of the first place; a tube of this ``reach`` is around them all.
+    ``defects`` (n, m) are those of the pieces of the first place, of lengths ``h`` (n,) [s]; a tube of this ``reach``
+    is around them all. ``before``: those for a smaller reach.
     """
     case, n = equations.case, len(reach.theta)
     each = list(zip(places, reach.parted([len(x[0].c) for x, _ in places]), strict=True))
     G = _joined([(Span(*stiffness(parts, its.theta)),) for (_, parts), its in each])
     gathered = _joined([gathering(equations, x, parts, its) for (x, parts), its in each] if case.kind == "cop" else [])
 
-    def one(begin: int, end: int) -> tuple[Array, float]:
+    def one(begin: int, end: int) -> Norm:
         low, high = float(G[0, 0, begin:end].min()), float(G[0, 1, begin:end].max())
         over = ranges(case, (math.nextafter(low, -math.inf), math.nextafter(high, math.inf)))
         if len(gathered):
             ends = [(float(low.min()), float(high.max())) for low, high in gathered[:, :, begin:end]]
             over = Ranges(over.G, over.inertia, *ends)
-        return contracting(case, over, defects[min(begin, len(defects) - 1) : end].max(axis=0))
+        inside = slice(min(begin, len(defects) - 1), end)
+        its = Norm(before.P[begin], float(before.rate[begin])) if before is not None else None
+        return contracting(case, over, defects[inside], h[inside], deadline, its)
 
     if not len(gathered) or not case.moving:
         try:
@@ -75,7 +81,7 @@ def _joined(spans: list[tuple[Span, ...]]) -> Array:
     return np.stack([np.concatenate(some, axis=1) for some in zip(*spans, strict=True)]) if spans else np.zeros(0)
 
 
-def _filled(starts: list[int], found: list[tuple[Array, float]]) -> Norms:
+def _filled(starts: list[int], found: list[Norm]) -> Norms:
     """The norms of windows that begin at ``starts``, the last of which is the end."""
     lengths = np.diff(starts)
     c = np.ones(starts[-1])

@@ -85,7 +85,9 @@ def test_at_every_time_the_nominal_run_lies_within_the_bounds_and_they_are_narro
         inside = np.append(np.diff(ran.t) > 0, True) & np.append(True, np.diff(ran.t) > 0)  # not both sides of a jump
         assert (found.low[row][piece] <= values + 2e-4)[inside].all()
         assert (found.high[row][piece] >= values - 2e-4)[inside].all()
-        assert np.median((found.high[row] - found.low[row])[piece]) < (0.5 if law == "force" else 1.0)
+        within = np.flatnonzero(found.t[1:] <= case.scenario.duration)  # what comes after may be more, or less
+        assert values.min() - found.low[row][within].min() < 0.1
+        assert found.high[row][within].max() - values.max() < 0.1
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -153,7 +155,12 @@ def test_an_integration_to_thirty_digits_lies_within_the_bounds(law):
             for row, value in (("heel-force", (load + tau / ell) / 2), ("toe-force", (load - tau / ell) / 2),
                                ("load", load), ("torque", abs(tau))):  # fmt: skip
                 assert found.low[row][piece] <= value <= found.high[row][piece], row
-            assert found.high["heel-force"][piece] - found.low["heel-force"][piece] < 5.0  # it moves within the piece
+            forces = []
+            for at in found.t[piece : piece + 2].tolist():
+                tau, _, load = parts(run(mpmath.mpf(at)))
+                forces.append(float((load + tau / ell) / 2))
+            assert found.low["heel-force"][piece] > min(forces) - 0.05
+            assert found.high["heel-force"][piece] < max(forces) + 0.05
 
 
 # ---- the paper's case

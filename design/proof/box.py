@@ -19,8 +19,9 @@ import numpy as np
 
 from design.model.laws import Gains
 from design.proof import poles
-from design.proof.case import NAMES, Case, NotProved
+from design.proof.case import NAMES, Case, NotProved, OutOfTime
 from design.proof.counterexample import Counterexample, counterexample
+from design.proof.exact import decimal
 from design.proof.tube import bounds
 from design.spec.setting import Setting
 
@@ -74,6 +75,7 @@ def prove(
 ) -> Proof:
     """Prove what ``levels`` demands of ``gains`` in one scenario, over ``scale`` times the box of [uncertainty]."""
     began = time.monotonic()
+    deadline = began + seconds
     setting.must_be_plain("a proof")
     scenario = setting.scenario(scenario_name)
     whole = _case(setting, gains, scenario_name, scale)
@@ -81,12 +83,12 @@ def prove(
     proof = Proof(scenario=scenario.name, box=_box(whole))
     waiting: list[tuple[Case, float]] = [(whole, 1.0)]
     while waiting:
-        proof.seconds = time.monotonic() - began
-        if proof.parts and proof.seconds > seconds:
-            proof.why = f"time limit of {seconds:g} s"
-            return proof
         case, volume = waiting.pop()
-        why, halves = _part(case, demanded, proof)
+        try:
+            why, halves = _part(case, demanded, proof, deadline)
+        except OutOfTime:
+            proof.why, proof.seconds = f"time limit of {seconds:.3g} s", time.monotonic() - began
+            return proof
         if proof.counterexample is not None:
             proof.answer, proof.why = "disproved", why
             proof.seconds = time.monotonic() - began
@@ -131,14 +133,17 @@ def _box(case: Case) -> dict[str, tuple[float, float]]:
     }  # fmt: skip
 
 
-def _part(case: Case, demanded: dict[str, float], proof: Proof) -> tuple[str, list[Case]]:
-    """Why this part is not proved (empty: it is), and its halves; counts it, and notes a counterexample."""
+def _part(case: Case, demanded: dict[str, float], proof: Proof, deadline: float) -> tuple[str, list[Case]]:
+    """Why this part is not proved (empty: it is), and its halves; counts it, and notes a counterexample.
+
+    Raises ``OutOfTime`` after the ``deadline``.
+    """
     proof.parts += 1
-    why = _unstable(case, demanded, proof)
+    why = _unstable(case, demanded, proof, deadline)
     influence = None
     if not why:
         try:
-            found = bounds(case)
+            found = bounds(case, deadline)
         except NotProved as error:
             why, influence = str(error), error.influence
         else:
@@ -158,14 +163,16 @@ def _part(case: Case, demanded: dict[str, float], proof: Proof) -> tuple[str, li
                     proof.value[row], proof.time_s[row] = value, float(found.t[worst])
     if not why:
         return "", []
-    proof.counterexample = counterexample(case, demanded, corners=proof.parts <= 2)
+    proof.counterexample = counterexample(case, demanded, corners=proof.parts <= 2, deadline=deadline)
     if proof.counterexample is not None:
         broken = proof.counterexample
         return f"{broken.row} is {broken.value:.6g} for a body and world of the box", []
+    if time.monotonic() > deadline:
+        raise OutOfTime
     return why, _halves(case, influence)
 
 
-def _unstable(case: Case, demanded: dict[str, float], proof: Proof) -> str:
+def _unstable(case: Case, demanded: dict[str, float], proof: Proof, deadline: float) -> str:
     """Why stability is not decided over this part; notes what is proved of its rows."""
     at = poles.numbers(case)
     if case.kind == "cop" and at.load.low <= 0:
@@ -179,7 +186,9 @@ def _unstable(case: Case, demanded: dict[str, float], proof: Proof) -> str:
     required = Fraction(repr(demanded["decay-rate"]))
     for share in SHARES_OF_RATE[3 if case.moving else 0 :]:
         sigma = max(Fraction(f"{max(corner, 0.0) * share:.10g}"), required)
-        if poles.decays(case, at, sigma):
+        if "decay-rate" in proof.value:  # of the whole no more can be proved than of another part
+            sigma = max(min(sigma, decimal(proof.value["decay-rate"])), required)
+        if poles.decays(case, at, sigma, deadline):
             found["decay-rate"] = float(sigma)
             break
     else:

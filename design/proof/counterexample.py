@@ -6,6 +6,8 @@ is confirmed by an integrator that shares nothing with the prover (``design.anal
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
@@ -13,7 +15,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from design.analysis.many import least_forces
+from design.analysis.many import extremes
 from design.analysis.recheck import second_opinion
 from design.model.deciding import deciding_points
 from design.proof import poles
@@ -33,38 +35,47 @@ class Counterexample:
     at: Mapping[str, float]
 
 
-def counterexample(case: Case, demanded: dict[str, float], *, corners: bool) -> Counterexample | None:
-    """A point of the part, its middle or a corner, that breaks a demand, by another integrator; None if none does."""
+def counterexample(
+    case: Case, demanded: dict[str, float], *, corners: bool, deadline: float = math.inf
+) -> Counterexample | None:
+    """A point of the part, its middle or a corner, that breaks a demand, by another integrator.
+
+    None if none does, or none is known to by the ``deadline`` (``time.monotonic``).
+    """
     tried = [case.at({})]
     if corners and case.moving:
         signs = list(product((-1.0, 1.0), repeat=len(case.moving)))
         tried += [case.at(dict(zip(case.moving, some, strict=True))) for some in signs]
     cases = [replace(case, biped=biped, scenario=scenario) for biped, scenario in tried]
     for one in cases:
+        if time.monotonic() > deadline:
+            return None
         sigma = _decay(one)
         if sigma < demanded["decay-rate"] * (1 - 1e-9) or sigma < -1e-9:
             return Counterexample(row="decay-rate", value=sigma, time_s=None, at=one.middle)
-    if len(cases) > 1 and "torque" not in demanded:
-        cases = [cases[0], *(cases[1 + k] for k in _worst(case, np.array(signs)))]
-    return next((broken for one in cases if (broken := _broken(one, demanded)) is not None), None)
+    if len(cases) > 1:
+        cases = [cases[0], *(cases[1 + k] for k in _worst(case, np.array(signs), deadline))]
+    each = (_broken(one, demanded, deadline) for one in cases if time.monotonic() < deadline)
+    return next((broken for broken in each if broken is not None), None)
 
 
-def _worst(case: Case, signs: Array) -> list[int]:
-    """Which of all corners press the toe, and the heel, least, by one march of them all."""
+def _worst(case: Case, signs: Array, deadline: float) -> list[int]:
+    """Which of all corners press the toe, and the heel, least, and have most torque, by one march of them all."""
     shares = np.zeros((len(signs), 7))
     shares[:, case.moving] = signs
-    forces = least_forces(
+    ends = extremes(
         case.biped, case.kind, case.gains, case.scenario, case.tolerances, shares, step=max(case.step, 2e-3),
-        theta_d=case.theta_d, adapt=case.adapt, known=case.believed,
+        theta_d=case.theta_d, adapt=case.adapt, known=case.believed, deadline=deadline,
     )  # fmt: skip
-    return sorted({int(np.argmin(each)) for each in forces})
+    return sorted({int(np.argmin(each)) for each in (ends.toe, ends.heel, -ends.torque)})
 
 
-def _broken(one: Case, demanded: dict[str, float]) -> Counterexample | None:
+def _broken(one: Case, demanded: dict[str, float], deadline: float) -> Counterexample | None:
     """What one body in one world breaks."""
     ran = second_opinion(
-        one.biped, one.kind, one.theta_d, one.gains, one.scenario, one.step, one.adapt, known=one.believed
-    )
+        one.biped, one.kind, one.theta_d, one.gains, one.scenario, one.step, one.adapt, known=one.believed,
+        deadline=deadline,
+    )  # fmt: skip
     for row, force in (("toe-force", ran.F_T), ("heel-force", ran.F_H)):
         below = np.flatnonzero(force < demanded[row] - 1e-6 * one.biped.weight)  # false where it is not a number
         if len(below):

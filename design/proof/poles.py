@@ -6,13 +6,14 @@ Over a box the answer may be "not seen", never wrong (``design.proof.exact``).
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
 
 from design.model.stability import decay_rate, shifted
-from design.proof.case import Case
+from design.proof.case import Case, OutOfTime
 from design.proof.exact import DIGITS, Range, around, body, decimal, loads, point, sizes
 
 NAMES = ("I", "ell", "AL", "load")
@@ -99,13 +100,17 @@ def characteristic(case: Case, at: Numbers) -> tuple[Range, ...]:
     )
 
 
-def decays(case: Case, at: Numbers, sigma: Fraction) -> bool:
+def decays(case: Case, at: Numbers, sigma: Fraction, deadline: float = math.inf) -> bool:
     """Whether every pole has a real part below -sigma, wherever in the ranges; False where that is not seen.
+
+    Raises ``OutOfTime`` after the ``deadline`` (``time.monotonic``).
 
     Where it is seen in the middle, but not of the ranges as a whole, they are cut in two, across the relatively widest.
     """
     waiting, cuts = [at], 0
     while waiting:
+        if time.monotonic() > deadline:
+            raise OutOfTime
         part = waiting.pop()
         if _stable(shifted(characteristic(case, part), sigma)):
             continue

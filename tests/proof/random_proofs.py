@@ -30,7 +30,7 @@ ROOM = 0.01
 
 @dataclass
 class Random:
-    """A loop in a world over a box: numbers by ``NAMES`` [SI, degrees], half-widths alike, signal corners (t, values)."""
+    """A loop in a world over a box: numbers by ``NAMES`` [SI, degrees], half-widths alike, corners (t, values)."""
 
     number: dict
     half: dict
@@ -169,14 +169,24 @@ def least(case, points, watch):
         shares = np.linspace(0, 1, 2 + int(min(max((end - begin) * 300, 100), 1500)))
         if begin >= case.duration:
             shares = np.append(0.0, np.geomspace(1e-6, 1, 400))
-        run = solve_ivp(rate, (0, 1), x.ravel(), "DOP853" if begin < case.duration else "Radau", t_eval=shares,
-                        rtol=1e-9, atol=1e-9)  # fmt: skip
-        if not run.success or not np.isfinite(run.y).all() or np.abs(run.y[:w]).max() > 1.4:
+        try:
+            run = solve_ivp(rate, (0, 1), x.ravel(), "DOP853" if begin < case.duration else "Radau", t_eval=shares,
+                            rtol=1e-9, atol=1e-9, events=_fallen)  # fmt: skip
+        except ValueError:  # states that are no longer numbers
+            return np.full(w, -np.inf)
+        if run.status != 0 or not np.isfinite(run.y).all() or np.abs(run.y[:w]).max() > 1.4:
             return np.full(w, -np.inf)
         for share, state in zip(run.t, run.y.T, strict=True):
             found = np.minimum(found, parts(state.reshape(3, w), ends[0] + share * (ends[1] - ends[0]))[1])
         x = run.y[:, -1].reshape(3, w)
     return found
+
+
+def _fallen(_, flat):
+    return 1.4 - float(np.abs(flat[: len(flat) // 3]).max())
+
+
+_fallen.terminal = True
 
 
 def _value(corners, at, t):

@@ -1,9 +1,15 @@
-"""A norm in which a loop contracts, and the proof that it does.
+"""Norms in which the error of an approximate trajectory is followed, and the proof of how it falls.
 
-|x|_P = sqrt(xᵀ P x). The Jacobian J is affine in each of a few numbers (``design.proof.jacobian``); the largest
-eigenvalue of P J + Jᵀ P + 2 rate P is convex in J, and so largest at a corner of their ranges. There Sylvester's
-leading minors are decided in exact rational arithmetic, floats being taken as the rationals that they are. Which P is
-tried is a matter of luck and experience; that it serves is proved.
+In coordinates z = S x, cut into blocks, |z_b| is Euclid's norm of a block. With K = S J S^-1 for the Jacobian J,
+
+    |z_b|' <= -rate_b |z_b| + sum of coupling_bc |z_c| over the other blocks c + |S_b defect|
+
+where -rate_b bounds the largest eigenvalue of the symmetric part of K_bb, and coupling_bc the size of K_bc (a vector of
+norms: Matrosov, Bellman; with one block the logarithmic norm of Dahlquist 1958). Blocks keep a slow pole from a fast
+one: what hits the fast one is forgotten at the fast one's rate. J is affine in each of a few numbers
+(``design.proof.jacobian``); both bounds are convex in J, and so hold for a range of them if they hold at its corners.
+There they are decided in exact rational arithmetic, floats being taken as the rationals that they are. Which S is tried
+is a matter of luck and experience; that it serves is proved.
 """
 
 from __future__ import annotations
@@ -11,6 +17,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations, pairwise
 from typing import NamedTuple
@@ -29,24 +36,40 @@ Array = NDArray[np.float64]
 
 SHARES = (0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 0.97)
 """Parts of the decay rate at which a norm is looked for."""
-BALANCES = (0.0, 0.5, 1.0)
-"""How far the groups of a modal norm are balanced for what the ranges move, rather than for the defect."""
 LOST = 0.7
 """Of the rate that a norm had for narrower ranges it must keep so much to be taken again."""
 
 
-class Norm(NamedTuple):
-    """|x|_P = sqrt(xᵀ P x), in which the loop contracts at the ``rate`` [1/s]."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Norm:
+    """``S`` (n, n), the sizes of its ``blocks``, their ``rates`` (b,) [1/s] and ``couplings`` (b, b) [1/s]."""
 
-    P: Array
-    rate: float
+    S: Array
+    blocks: tuple[int, ...]
+    rates: Array
+    couplings: Array
+
+    @property
+    def members(self) -> Array:
+        """(b, n): 1 where a coordinate belongs to a block."""
+        return np.repeat(np.eye(len(self.blocks)), self.blocks, axis=1)
 
 
-def contracting(case: Case, over: Ranges, defects: Array, h: Array, deadline: float, before: Norm | None) -> Norm:
-    """A norm and a rate > 0 that is proved for all Jacobians of these ranges; raises ``NotProved``, ``OutOfTime``.
+class Frame(NamedTuple):
+    """Coordinates to try: ``S`` (n, n), the sizes of its ``blocks``, and about the rate at which each falls [1/s]."""
 
-    Of the norms that are tried it is the one in which ``defects`` (n, m) in pieces of lengths ``h`` (n,) [s] move toe
-    and heel force least; the one that served ``before``, for narrower ranges, if it still does.
+    S: Array
+    blocks: tuple[int, ...]
+
+
+def contracting(
+    case: Case, over: Ranges, defects: Array, h: Array, deadline: float, before: Norm | None = None, *,
+    single: bool = False,
+) -> Norm:  # fmt: skip
+    """A norm proved for all Jacobians of these ranges; raises ``NotProved``, ``OutOfTime``.
+
+    Of those that are tried it is the one in which ``defects`` (n, m) in pieces of lengths ``h`` (n,) [s] move toe and
+    heel force least; the one that served ``before``, for narrower ranges, if it still does. ``single``: of one block.
     """
     exact = [jacobian(case, *corner) for corner in over.corners()]
     corners = np.stack([_floats(J) for J in exact])
@@ -56,57 +79,101 @@ def contracting(case: Case, over: Ranges, defects: Array, h: Array, deadline: fl
         message = "the linear loop is not stable"
         raise NotProved(message)
     if before is not None:
-        P, rate = before.P, 0.999 * float(_rates(before.P[None], corners)[0])
-        if rate > LOST * before.rate and all(contracts(P, J, rate) for J in exact):
-            return Norm(P, rate)
+        again = _bounded(Frame(before.S, before.blocks), corners)
+        if again is not None and (again.rates > LOST * before.rates).all() and all(holds(again, J) for J in exact):
+            return again
     felt, defect = case.felt, _lasting(defects, h, decay)
-    tried = _of_lyapunov(middle, felt) + _modal(middle, felt, defect)
+    tried = [] if single else _modal(middle)
+    matrices = _of_lyapunov(middle, felt)
     few = [_floats(jacobian(case, *corner)) for corner in over.chief().corners()]
     for share in SHARES if case.kind != "cop" else SHARES[1::2]:
         left = deadline - time.monotonic()
         if left <= 0:
             raise OutOfTime
         P = _optimal(few, felt, defect, share * decay, min(left, 2.0))
-        tried += [P] if P is not None else []
-    P, rate = _best(np.stack(tried), corners, felt, defect)
-    if not all(contracts(P, J, rate) for J in exact):
-        message = "the contraction could not be confirmed exactly"
+        matrices += [P] if P is not None else []
+    best = _best_single(np.stack(matrices), corners, felt, defect)
+    tried += [Frame(np.linalg.cholesky(best).T, (len(felt),))] if best is not None else []
+    choices: list[tuple[float, Norm]] = []
+    for frame in tried:
+        norm = _bounded(frame, corners)
+        if norm is not None:
+            choices.append((_effect(norm, felt, defects, h), norm))
+    choices.sort(key=lambda choice: choice[0])
+    found = next((norm for cost, norm in choices[:3] if cost < math.inf and all(holds(norm, J) for J in exact)), None)
+    if found is None:
+        message = "no norm in which the loop contracts over the whole tube and box was found"
         raise NotProved(message)
-    return Norm(P, rate)
+    return found
+
+
+def _bounded(frame: Frame, corners: Array) -> Norm | None:
+    """The norm with the least rates and couplings that the ``corners`` (k, n, n) allow, in floats; None if it grows."""
+    S, blocks = frame
+    K = S @ corners @ np.linalg.inv(S)
+    edges = np.cumsum([0, *blocks])
+    rates, couplings = np.zeros(len(blocks)), np.zeros((len(blocks), len(blocks)))
+    for b, its in enumerate(map(slice, edges[:-1], edges[1:])):
+        own = K[:, its, its]
+        rates[b] = -0.5 * float(np.linalg.eigvalsh(own + own.transpose(0, 2, 1)).max())
+        for c, other in enumerate(map(slice, edges[:-1], edges[1:])):
+            if c != b:
+                couplings[b, c] = 1.0001 * math.sqrt(float((K[:, its, other] ** 2).sum(axis=(1, 2)).max())) + 1e-300
+    rates *= 0.9999
+    if not (rates > 0).all() or not np.isfinite(couplings).all():
+        return None
+    gain = couplings / rates[:, None]
+    if np.abs(np.linalg.eigvals(gain)).max() >= 1:
+        return None
+    return Norm(S=S, blocks=blocks, rates=rates, couplings=couplings)
+
+
+def _effect(norm: Norm, felt: Array, defects: Array, h: Array) -> float:
+    """About how far a defect moves the torque [N m]."""
+    slow = np.array([_lasting(defects, h, rate) for rate in norm.rates])  # what each block has to bear
+    moved = [
+        math.sqrt(float(((np.abs(norm.S) @ slow[b]) ** 2 * members).sum())) for b, members in enumerate(norm.members)
+    ]
+    far = np.linalg.solve(np.diag(norm.rates) - norm.couplings, np.array(moved))
+    each = np.sqrt(((felt_signed(felt) @ np.linalg.inv(norm.S)) ** 2 * norm.members).sum(axis=1))
+    return float(each @ far) if (far >= 0).all() else math.inf
+
+
+def felt_signed(felt: Array) -> Array:
+    """How tau changes with each state: minus K_p, minus K_d, K_f, K_p."""
+    return felt * np.array([-1.0, -1.0, 1.0, 1.0])[: len(felt)]
 
 
 def _lasting(defects: Array, h: Array, decay: float) -> Array:
     """The constant defect (m,) [1/s] that, falling away at the rate ``decay``, sums up to as much as ``defects`` do."""
-    most = np.zeros(defects.shape[1])
-    now = np.zeros(defects.shape[1])
-    for left, added, length in zip(np.exp(-decay * h), 2 * defects, h, strict=True):
-        now = now * left + added * min(1.0, 1.0 / max(decay * length, 1e-12))
-        most = np.maximum(most, now)
-    return most * decay
+    left = np.exp(-decay * h)
+    added = 2 * defects * np.minimum(1.0, 1.0 / np.maximum(decay * h, 1e-12))[:, None]
+    most = [0.0] * defects.shape[1]
+    for j, column in enumerate(added.T.tolist()):
+        now = 0.0
+        for less, more in zip(left.tolist(), column, strict=True):
+            now = now * less + more
+            if now > most[j]:
+                most[j] = now
+    return np.array(most) * decay
 
 
-def _best(tried: Array, corners: Array, felt: Array, defect: Array) -> Norm:
-    """Of the matrices ``tried`` (c, n, n) the one in which the defect moves the forces least, in floats."""
+def _best_single(tried: Array, corners: Array, felt: Array, defect: Array) -> Array | None:
+    """Of the matrices ``tried`` (c, n, n) the one in whose norm the defect moves the forces least, in floats."""
     tried = tried[np.isfinite(tried).all(axis=(1, 2))]
     tried = tried / np.trace(tried, axis1=1, axis2=2)[:, None, None]
     tried = tried[np.linalg.eigvalsh(tried)[:, 0] > 1e-16]
-    rates = _rates(tried, corners)
-    tried, rates = tried[rates > 0], rates[rates > 0]
-    if not len(tried):
-        message = "no norm in which the loop contracts over the whole tube and box was found"
-        raise NotProved(message)
-    moved = np.einsum("i,cij,j->c", defect, np.abs(tried), defect)
-    cost = np.sqrt(moved * np.einsum("i,cij,j->c", felt, np.linalg.inv(tried), felt)) / rates
-    best = int(np.nanargmin(cost))
-    return Norm(tried[best], 0.999 * float(rates[best]))
-
-
-def _rates(tried: Array, corners: Array) -> Array:
-    """The rate of contraction (c,) at the worst of the ``corners`` (k, n, n) for each of ``tried`` (c, n, n)."""
     roots = np.linalg.inv(np.linalg.cholesky(tried).transpose(0, 2, 1))
     PJ = tried[:, None] @ corners[None]
     moved = roots.transpose(0, 2, 1)[:, None] @ (PJ + PJ.transpose(0, 1, 3, 2)) @ roots[:, None]
-    return np.asarray(-0.5 * np.linalg.eigvalsh(moved).max(axis=(1, 2)))
+    rates = -0.5 * np.linalg.eigvalsh(moved).max(axis=(1, 2))
+    tried, rates = tried[rates > 0], rates[rates > 0]
+    if not len(tried):
+        return None
+    pushed = np.einsum("i,cij,j->c", defect, np.abs(tried), defect)
+    signed = felt_signed(felt)
+    cost = np.sqrt(pushed * np.einsum("i,cij,j->c", signed, np.linalg.inv(tried), signed)) / rates
+    return np.asarray(tried[int(np.nanargmin(cost))])
 
 
 def _of_lyapunov(middle: Array, felt: Array) -> list[Array]:
@@ -115,42 +182,31 @@ def _of_lyapunov(middle: Array, felt: Array) -> list[Array]:
     return [_lyapunov(shift, weight) for weight in _weights(middle, felt) for shift in shifts]
 
 
-def _modal(middle: Array, felt: Array, defect: Array) -> list[Array]:
-    """Norms in which groups of poles next to each other do not mix, however different their rates are.
+def _modal(middle: Array) -> list[Frame]:
+    """Coordinates in which groups of poles next to each other do not mix, however different their rates are.
 
     The states are split into the invariant subspaces of the groups (ordered Schur forms, which stand poles that are
-    all but equal); a group of one pole has its own size, one of several a norm by Lyapunov's equation. The groups are
-    weighed for the least effect: the sum of sqrt(a_i c_i) is least for weights a_i/c_i, with a_i what the group does to
-    the torque, and c_i what the defect does to the group.
+    all but equal); a group of one pole is a coordinate, one of several has a norm by Lyapunov's equation.
     """
     n = len(middle)
-    pushed = np.eye(n)[1]  # what a change of G moves, and what moves it
     found = []
     for cuts in _cuts(np.sort(-np.linalg.eigvals(middle).real)):
-        bases = [_invariant(middle, low, high) for low, high in cuts]
-        if any(basis is None for basis in bases) or sum(basis.shape[1] for basis in bases if basis is not None) != n:
+        bases = [basis for low, high in cuts if (basis := _invariant(middle, low, high)) is not None]
+        Q = np.column_stack(bases)
+        if len(bases) < len(cuts) or Q.shape[1] != n or not np.linalg.cond(Q) < 1e12:
             continue
-        Q = np.column_stack([basis for basis in bases if basis is not None])
-        if not np.linalg.cond(Q) < 1e10:
-            continue
-        T = np.linalg.inv(Q)
-        for share in SHARES:
-            at, parts = 0, []
-            for basis in bases:
-                size = basis.shape[1]  # type: ignore[union-attr]
+        T, blocks = np.linalg.inv(Q), tuple(basis.shape[1] for basis in bases)
+        for share in SHARES if max(blocks) > 1 else SHARES[:1]:
+            rows, at = [], 0
+            for size in blocks:
                 its = slice(at, at + size)
-                block = T[its] @ middle @ Q[:, its]
-                decay = -float(np.linalg.eigvals(block).real.max())
-                own = np.eye(1) if size == 1 else _lyapunov(block + share * decay * np.eye(size), np.eye(size))
-                inner = np.linalg.inv(own)
-                a = [float(out @ Q[:, its] @ inner @ Q[:, its].T @ out) for out in (felt, np.eye(n)[0])]
-                c = [float(each @ np.abs(T[its].T @ own @ T[its]) @ each) for each in (defect, pushed)]
-                parts.append((T[its].T @ own @ T[its], np.sqrt(np.array(a) / np.maximum(c, 1e-300))))
+                own = T[its] @ middle @ Q[:, its]
+                decay = -float(np.linalg.eigvals(own).real.max())
+                P = np.eye(1) if size == 1 else _lyapunov(own + share * decay * np.eye(size), np.eye(size))
+                rows.append(np.linalg.cholesky(P).T @ T[its])
                 at += size
-            for balance in BALANCES:
-                weights = [w[0] ** (1 - balance) * w[1] ** balance for _, w in parts]
-                found.append(sum(weight * P for weight, (P, _) in zip(weights, parts, strict=True)))
-    return [np.asarray(0.5 * (P + P.T)) for P in found]
+            found.append(Frame(np.vstack(rows), blocks))
+    return found
 
 
 def _cuts(decays: Array) -> list[list[tuple[float, float]]]:
@@ -245,17 +301,26 @@ def _optimal(
     return np.asarray(0.5 * (P + P.T))
 
 
-def transfer(before: Array, after: Array) -> float:
-    """A number c with |x|_after <= c |x|_before for all x, decided exactly."""
-    root = np.linalg.inv(np.linalg.cholesky(before).T)
-    c = math.sqrt(max(float(np.linalg.eigvalsh(root.T @ after @ root).max()), 0.0)) * (1 + 1e-6)
-    square = Fraction(c) ** 2
-    n = len(before)
-    rest = [[square * Fraction(before[i][j]) - Fraction(after[i][j]) for j in range(n)] for i in range(n)]
-    if not _positive(rest):
-        message = "two norms could not be compared exactly"
+def transfer(before: Norm, after: Norm) -> Array:
+    """Numbers C (b, c) with |z_b| after <= sum of C_bc |z_c| before, for all x."""
+    there, back = np.abs(after.S), inverted(before.S)
+    product = np.abs(after.S @ back) + 1e-13 * there @ np.abs(back)
+    return np.asarray(UP * np.sqrt(UP * after.members @ product**2 @ before.members.T + TINY))
+
+
+def settled(K: Array) -> Array:
+    """Matrices M >= (1 - K)^-1 >= 0 for ``K`` (n, b, b) >= 0; raises ``NotProved`` where the sum of K^j has no limit.
+
+    That (1 - K) M >= 1 with M >= 0 shows both: 1 - K is an M-matrix (Berman and Plemmons 1994, theorem 6.2.3).
+    """
+    eye = np.eye(K.shape[1])
+    about = np.maximum(np.linalg.inv(eye - K), 0.0)
+    inverse = about + 1e-7 * (about + about @ (K @ about))
+    shown = inverse - K @ inverse - 1e-13 * (inverse + K @ inverse)
+    if not ((inverse >= 0).all() and (shown >= eye).all()):
+        message = "the blocks of the norm drive each other"
         raise NotProved(message)
-    return c
+    return np.asarray(inverse)
 
 
 def falls(x: Array) -> tuple[Array, Array]:
@@ -269,46 +334,49 @@ def falls(x: Array) -> tuple[Array, Array]:
     return np.where(x <= 700.0, least / UP, 0.0), most * UP
 
 
-def norm(size: Array, vectors: Array) -> Array:
-    """Bound (n,) of |x|_P for |x_i| <= vectors (n, m), with ``size`` = |P|, one (m, m) or one for each (n, m, m)."""
-    return np.asarray(UP * np.sqrt(_squares(size, vectors) * UP + TINY))
+def inverted(S: Array) -> Array:
+    """S^-1, each entry rounded away from zero from the exact one."""
+    exact = np.array([[float(entry) for entry in row] for row in _inverse(S)])
+    return np.asarray(exact + np.sign(exact) * np.abs(exact) * 1e-15)
 
 
-def dual(inverse: Array, slopes: Sequence[float | Array], n: int) -> Array:
-    """Bound (n,) of the norm of a gradient whose components are at most ``slopes`` in size."""
-    g = np.stack([np.broadcast_to(np.asarray(part, dtype=float), (n,)) for part in slopes], axis=1)
-    return np.asarray(UP * np.sqrt(_squares(np.abs(inverse), g) * UP))
-
-
-def _squares(matrix: Array, vectors: Array) -> Array:
-    each = np.broadcast_to(matrix, (len(vectors), *matrix.shape[-2:]))
-    return np.asarray(np.einsum("ni,nij,nj->n", vectors, each, vectors))
-
-
-def inverted(P: Array) -> Array:
-    """P^-1, each entry rounded away from zero from the exact one."""
-    n = len(P)
-    rows = [[Fraction(float(P[i, j])) for j in range(n)] + [Fraction(int(i == j)) for j in range(n)] for i in range(n)]
+def _inverse(S: Array) -> Matrix:
+    n = len(S)
+    rows = [[Fraction(float(S[i, j])) for j in range(n)] + [Fraction(int(i == j)) for j in range(n)] for i in range(n)]
     for i in range(n):
+        best = max(range(i, n), key=lambda k: abs(rows[k][i]))
+        rows[i], rows[best] = rows[best], rows[i]
         pivot = rows[i][i]
         rows[i] = [entry / pivot for entry in rows[i]]
         for j in range(n):
             if j != i:
                 factor = rows[j][i]
                 rows[j] = [a - factor * b for a, b in zip(rows[j], rows[i], strict=True)]
-    exact = np.array([[float(entry) for entry in row[n:]] for row in rows])
-    return np.asarray(exact + np.sign(exact) * np.abs(exact) * 1e-15)
+    return [row[n:] for row in rows]
 
 
-def contracts(P: Array, J: Array | Matrix, rate: float) -> bool:
-    """Whether P > 0 and P J + Jᵀ P + 2 rate P < 0, decided exactly."""
-    n = len(P)
-    p = [[Fraction(float(P[i, j])) for j in range(n)] for i in range(n)]
-    j = [[Fraction(J[a][b]) for b in range(n)] for a in range(n)]
-    pj = [[sum((p[a][c] * j[c][b] for c in range(n)), Fraction(0)) for b in range(n)] for a in range(n)]
-    twice = 2 * Fraction(rate)
-    q = [[-(pj[a][b] + pj[b][a]) - twice * p[a][b] for b in range(n)] for a in range(n)]
-    return _positive(p) and _positive(q)
+def holds(norm: Norm, J: Array | Matrix) -> bool:
+    """Whether the rates and couplings of a norm are right for the Jacobian ``J``, decided exactly."""
+    K = _product(_product(_rational(norm.S), _rational(J)), _inverse(norm.S))
+    edges = np.cumsum([0, *norm.blocks]).tolist()
+    blocks = [range(*pair) for pair in pairwise(edges)]
+    for b, its in enumerate(blocks):
+        rate = 2 * Fraction(float(norm.rates[b]))
+        if not _positive([[-K[i][j] - K[j][i] - (rate if i == j else 0) for j in its] for i in its]):
+            return False
+        for c, other in enumerate(blocks):
+            if c != b and sum(K[i][j] ** 2 for i in its for j in other) > Fraction(float(norm.couplings[b, c])) ** 2:
+                return False
+    return True
+
+
+def _rational(matrix: Array | Matrix) -> Matrix:
+    return [[Fraction(entry) for entry in row] for row in matrix]
+
+
+def _product(a: Matrix, b: Matrix) -> Matrix:
+    return [[sum((x * y for x, y in zip(row, column, strict=True)), Fraction(0)) for column in zip(*b, strict=True)]
+            for row in a]  # fmt: skip
 
 
 def _positive(matrix: list[list[Fraction]]) -> bool:

@@ -1,10 +1,9 @@
 """Contact for all times and every body of a box: a tube around an approximate trajectory that holds the true ones.
 
-x̃(t, p) is any piecewise polynomial, here cubic in time through Runge-Kutta samples, linear in the parameters p of the
-box. Its defect x̃' - f(x̃, t, p) is bounded by Taylor models (``design.proof.taylor``). In a norm in which the loop
-contracts with a proved rate over the whole tube (``design.proof.norm``; Dahlquist 1958)
+x̃(t, p) is any piecewise polynomial (``design.proof.trajectory``), linear in the parameters p of the box. Its defect x̃' - f(x̃, t, p) is bounded by Taylor models (``design.proof.taylor``). In coordinates S x in blocks
+whose norms fall at proved rates over the whole tube (``design.proof.norm``)
 
-    |x - x̃|_P (t) <= D(t),    D' = -rate D + |defect|_P,    D(0) = |x(0) - x̃(0)|_P
+    |S_b (x - x̃)| (t) <= D_b(t),    D_b' = -rate_b D_b + sum of coupling_bc D_c + |S_b defect|,    D(0) = |S (x - x̃)(0)|
 
 The ranges of the Jacobian's numbers over the tube, on which the rate depends, are those of a tube of an assumed reach;
 that D stays below it closes the argument, and for law (20), which divides by the load, keeps the load above 0. *After
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 
 from design.proof.case import NAMES, Case, NotProved, goes_on, longer, signals
 from design.proof.equations import Equations, Parts
-from design.proof.norm import falls, norm
+from design.proof.norm import falls, settled
 from design.proof.readout import Reach, quantities, reach_of
 from design.proof.taylor import ROUNDING, UP, Model, blank
 from design.proof.trajectory import trajectory
@@ -149,19 +148,18 @@ class _Tube:
         """Assume a reach, bound the tube, and enlarge the reach until the tube stays within it."""
         end = self._end()
         places = [(self.x, self.parts), *([end] if end is not None else [])]
-        gap, defects = self.gap, self.defects
         cop = self.case.kind == "cop"
         pieces = self.n + (end is not None)
         assumed = Reach(*(np.full(pieces, part) for part in (1e-6, 1e-5, 1e-2)))
         its: Norms | None = None
         for _ in range(ROUNDS):
-            its = norms(self.equations, places, defects, self.h, assumed, self.deadline, its)
-            D = self._radius(its, defects, gap, end)
-            reach = reach_of(self.case.felt, its.inverse, D)
+            its = norms(self.equations, places, self.defects, self.h, assumed, self.deadline, its)
+            D = self._radius(its, end)
+            reach = reach_of(self.case.felt, its, D)
             if not np.isfinite(D).all():
                 break
             if reach.within(assumed, all_three=cop):
-                return self._read(D, its, end)
+                return self._read(D, reach, its, end)
             assumed = Reach(*(np.maximum(WIDER * new, old) for new, old in zip(reach, assumed, strict=True)))
             if assumed.theta.max() > 1.0:
                 break
@@ -181,43 +179,54 @@ class _Tube:
         signal = scenario.signal[:, -1:]
         return End(states, self.equations.parts(states, self.equations.world(1, (signal, signal))))
 
-    def _radius(self, its: Norms, defects: Array, gap: Array, end: End | None) -> Array:
-        """D over each piece, and after the end (last, if it ever rests)."""
-        n, size = self.n, np.abs(its.P)
-        ramp = NAMES.index("ramp")
+    def _radius(self, its: Norms, end: End | None) -> Array:
+        """D (n, m) of each block over each piece, and after the end (last, if it ever rests).
+
+        Over a piece D' <= -rate D + coupling D + added/h. With U >= D on all of it, U = (1 - K)^-1 (D + pushed), and
+        what a block comes to in the end by its own rate alone.
+        """
+        n, ramp = self.n, NAMES.index("ramp")
         stretch = self.case.radii[ramp] / float(self.case.scenario.times[-1]) if self.case.radii[ramp] > 0 else 0.0
-        shortest, longest = self.h * max(1 - stretch * UP, 1e-300) / UP, self.h * (1 + stretch) * UP
-        added = 2 * norm(size[:n], defects)
-        gaps = norm(size[:n], gap)
-        # a constant defect leads to ``rest`` in the end, |D - rest| falling by a factor from ``least`` to ``most``
-        rest = added / (its.rate[:n] * shortest) * UP
-        least, most = falls(its.rate[:n] * longest * UP)[0], falls(its.rate[:n] * shortest / UP)[1]
-        coming = np.append(norm(size[: n - 1], gap[1:]), 0.0)  # a corner may come early by a sliver
-        D = np.zeros(len(its.c))
-        now = 0.0
-        each = zip(*(part.tolist() for part in (its.c[:n], gaps, added, coming, rest, least, most)), strict=True)
-        for k, (factor, step, more, following, end_of_it, slow, fast) in enumerate(each):
-            now = (now * factor + step) * UP
-            D[k] = (min(now + more, max(now, end_of_it)) + following) * UP
-            way = now - end_of_it
-            now = min(now * fast + more, end_of_it + max(way * slow, way * fast) + ROUNDING * end_of_it, D[k]) * UP
+        h = np.append(self.h, np.full(len(its.S) - n, np.inf))[:, None]
+        shortest, longest = h * max(1 - stretch * UP, 1e-300) / UP, h * (1 + stretch) * UP
+        defects, rates = self.defects, its.rates
         if end is not None:
-            drift = norm(size[n:], np.array([[f.size()[0] for f in end.parts.flow]]))[0] / its.rate[n]
-            jump = norm(size[n:], self.jump)[0]
-            D[n] = UP * max(now * its.c[n] * UP + float(jump), float(drift))
+            defects = np.vstack([defects, [[f.size()[0] for f in end.parts.flow]]])
+        added = its.sizes(defects)
+        added[:n] *= 2
+        with np.errstate(invalid="ignore"):
+            slow = np.where(np.isfinite(h), rates * shortest, 1.0)
+        pushed = UP * np.where(np.isfinite(h), added * np.minimum(1.0, UP / slow), added / rates)
+        lasting = UP * np.where(np.isfinite(h), added / slow, added / rates)  # what a constant defect leads to
+        left = falls(np.where(np.isfinite(h), slow / UP, 800.0))
+        gone = UP * np.where(np.isfinite(h), 1 - falls(np.minimum(rates * longest * UP, 800.0))[0], 1.0)
+        rises = UP * np.where(np.isfinite(h), added * np.minimum((1 - left[0]) / slow * UP, 1.0), lasting)
+        K = UP * np.minimum(longest, UP / rates)[:, :, None] * its.couplings
+        inverse = settled(K)
+        gaps, coming = its.sizes(np.vstack([self.gap, self.jump])[: len(its.S)]), np.zeros_like(added)
+        coming[: n - 1] = gaps[1:n]  # a corner may come early by a sliver
+        driven = UP * its.couplings / rates[:, :, None]
+        D, now = np.zeros_like(added), np.zeros(self.size)
+        for k in range(len(D)):
+            now = (its.carried[k] @ now + gaps[k]) * UP
+            most = inverse[k] @ (now + pushed[k]) * UP
+            steady = driven[k] @ most
+            most = np.minimum(most, np.maximum(now, steady + lasting[k]) * UP)
+            D[k] = (most + coming[k]) * UP
+            now = np.minimum(left[1][k] * now + gone[k] * steady + rises[k], most) * UP
         return D
 
-    def _read(self, D: Array, its: Norms, end: End | None) -> Bounds:
-        n = self.n
-        low, high = quantities(self.equations, self.x, self.parts, D[:n], its.inverse[:n])
+    def _read(self, D: Array, reach: Reach, its: Norms, end: End | None) -> Bounds:
+        within, *after = reach.parted([self.n] if end is None else [self.n, 1])
+        low, high = quantities(self.equations, self.x, self.parts, within)
         t = self.edges[:-1]
         if end is not None:
-            low_end, high_end = quantities(self.equations, *end, D[n:], its.inverse[n:])
+            low_end, high_end = quantities(self.equations, *end, after[0])
             low = {id: np.append(low[id], low_end[id]) for id in low}
             high = {id: np.append(high[id], high_end[id]) for id in high}
-            t = np.append(t, self.edges[-1])
+            t = self.edges
         return Bounds(
-            t=t, low=low, high=high, radius=float(D.max()), rate=float(its.rate.min()), influence=self.influence()
+            t=t, low=low, high=high, radius=float(D.max()), rate=float(its.rates.min()), influence=self.influence()
         )  # fmt: skip
 
     def influence(self) -> dict[int, float]:

@@ -5,14 +5,16 @@ The loop's matrix, with G = A L cos(theta - theta_f),
     theta' = omega,   I omega' = (G - K_p) theta - K_d omega + K_f s,   ell s' = -K_p theta - K_d omega + K_f s
 
 is affine in each of G, 1/I and 1/ell. So are the coefficients of its characteristic polynomial, and so is the matrix
-P J + Jᵀ P + 2 rate P, whose largest eigenvalue is convex in each: the corners decide.
+K = S J S^-1; the largest eigenvalue of a symmetric part, and a size, are convex in it: the corners decide.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
+from typing import Any
 
 from design.checking import need
 
@@ -34,16 +36,74 @@ def loop(gains: Sequence[Fraction], G: Fraction, inertia: Fraction, length: Frac
     return rows if len(gains) == 2 else [*rows, [length * each for each in torque]]
 
 
-def check_contraction(P: Matrix, rate: Fraction, gains: Sequence[Fraction], ranges: tuple[Ends, Ends, Ends]) -> None:
-    """Refuse unless |x|_P falls at least as e^(-rate t), for every G, I and ell of the ranges."""
-    n = len(gains)
-    need(rate > 0, "the rate of contraction is not above 0")
-    need(positive(P), "the norm's matrix is not positive definite")
+@dataclass(frozen=True)
+class Norm:
+    """Coordinates z = ``S`` x in blocks of these sizes, |z_b|² = sum of ``weights`` z_i²; how fast each falls [1/s].
+
+    |z_b|' <= -rate |z_b| + sum of coupling_bc |z_c| + what the defect adds.
+    """
+
+    S: Matrix
+    weights: list[Fraction]
+    blocks: list[range]
+    rates: list[Fraction]
+    couplings: Matrix
+
+    @property
+    def inverse(self) -> Matrix:
+        """S^-1."""
+        return inverted(self.S)
+
+
+def norm_of(part: dict[str, Any], n: int) -> Norm:
+    """The norm that a part of a certificate has: one matrix P and its rate, or coordinates in blocks."""
+    if "norm" in part:
+        P = [[Fraction(part["norm"][max(a, b)][min(a, b)]) for b in range(n)] for a in range(n)]
+        need(positive(P), "the norm's matrix is not positive definite")
+        S, weights = _squares(P)
+        return Norm(S, weights, [range(n)], [Fraction(part["rate"])], [[Fraction(0)]])
+    S, sizes = [[Fraction(entry) for entry in row] for row in part["frame"]], part["blocks"]
+    whole = all(type(size) is int and size > 0 for size in sizes) and sum(sizes) == n == len(S)
+    need(whole and all(len(row) == n for row in S), "the blocks of the norm are not its coordinates")
+    starts = [sum(sizes[:k]) for k in range(len(sizes))]
+    blocks = [range(start, start + size) for start, size in zip(starts, sizes, strict=True)]
+    rates, couplings = ([Fraction(rate) for rate in part["rates"]],
+                        [[Fraction(entry) for entry in row] for row in part["couplings"]])  # fmt: skip
+    square = len(rates) == len(couplings) == len(sizes) == min(map(len, couplings)) == max(map(len, couplings))
+    need(square and min(map(min, couplings)) >= 0, "the rates and couplings are not those of the blocks")
+    return Norm(S, [Fraction(1)] * n, blocks, rates, couplings)
+
+
+def _squares(P: Matrix) -> tuple[Matrix, list[Fraction]]:
+    """xᵀ P x as a sum of ``weights`` (S x)_i²: S unit upper triangular, by Gauss's elimination."""
+    rest, n = [row[:] for row in P], len(P)
+    for i in range(n):
+        for j in range(i + 1, n):
+            factor = rest[j][i] / rest[i][i]
+            rest[j] = [a - factor * b for a, b in zip(rest[j], rest[i], strict=True)]
+    return [[entry / row[i] for entry in row] for i, row in enumerate(rest)], [rest[i][i] for i in range(n)]
+
+
+def check_contraction(norm: Norm, gains: Sequence[Fraction], ranges: tuple[Ends, Ends, Ends]) -> None:
+    """Refuse unless the norm's blocks fall and drive each other as it says, for every G, I and ell of the ranges."""
+    need(min(norm.rates) > 0, "the rate of contraction is not above 0")
+    back, w = norm.inverse, norm.weights
     for corner in corners(*ranges):
-        J = loop(gains, *corner)
-        PJ = [[sum((P[a][c] * J[c][b] for c in range(n)), Fraction(0)) for b in range(n)] for a in range(n)]
-        falls = positive([[-PJ[a][b] - PJ[b][a] - 2 * rate * P[a][b] for b in range(n)] for a in range(n)])
-        need(falls, f"the loop does not contract at the rate {float(rate):g} in the norm")
+        K = _product(_product(norm.S, loop(gains, *corner)), back)
+        for b, block in enumerate(norm.blocks):
+            rate = norm.rates[b]
+            falls = positive([
+                [-w[i] * K[i][j] - w[j] * K[j][i] - (2 * rate * w[i] if i == j else 0) for j in block] for i in block
+            ])
+            need(falls, f"the loop does not contract at the rate {float(rate):g} in the norm")
+            for c, other in enumerate(norm.blocks):
+                square = sum((w[i] * K[i][j] ** 2 / w[j] for i in block for j in other), Fraction(0))
+                need(b == c or square <= norm.couplings[b][c] ** 2, "the norm's blocks drive each other more than said")
+
+
+def _product(a: Matrix, b: Matrix) -> Matrix:
+    columns = list(zip(*b, strict=True))
+    return [[sum((x * y for x, y in zip(row, column, strict=True)), Fraction(0)) for column in columns] for row in a]
 
 
 def positive(matrix: Matrix) -> bool:
@@ -58,14 +118,18 @@ def positive(matrix: Matrix) -> bool:
 
 
 def inverted(matrix: Matrix) -> Matrix:
-    """The inverse of a positive definite matrix, by the inverse of its leading block and Schur's complement."""
-    if len(matrix) == 1:
-        return [[1 / matrix[0][0]]]
-    block, column = inverted([row[:-1] for row in matrix[:-1]]), [row[-1] for row in matrix[:-1]]
-    way = [sum((a * b for a, b in zip(row, column, strict=True)), Fraction(0)) for row in block]
-    last = 1 / (matrix[-1][-1] - sum((a * b for a, b in zip(way, column, strict=True)), Fraction(0)))
-    rows = [[c + a * b * last for c, b in zip(row, way, strict=True)] for row, a in zip(block, way, strict=True)]
-    return [*([*row, -a * last] for row, a in zip(rows, way, strict=True)), [*(-a * last for a in way), last]]
+    """The inverse, by Gauss's elimination; refuses a matrix that has none."""
+    n = len(matrix)
+    rows = [[*row, *(Fraction(int(i == j)) for j in range(n))] for i, row in enumerate(matrix)]
+    for i in range(n):
+        best = max(range(i, n), key=lambda k: abs(rows[k][i]))
+        rows[i], rows[best] = rows[best], rows[i]
+        need(rows[i][i] != 0, "the norm's coordinates do not tell all states apart")
+        rows[i] = [entry / rows[i][i] for entry in rows[i]]
+        for j in range(n):
+            if j != i:
+                rows[j] = [a - rows[j][i] * b for a, b in zip(rows[j], rows[i], strict=True)]
+    return [row[n:] for row in rows]
 
 
 def check_decay(sigma: Fraction, gains: Sequence[Fraction], ranges: tuple[Ends, Ends, Ends]) -> None:

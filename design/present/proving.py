@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
+import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
@@ -13,6 +14,7 @@ from design.errors import BadInput
 from design.model.laws import Gains, LawKind
 from design.present import opening, store, terminal, text
 from design.proof.box import Answer, Proof, levels, prove
+from design.proof.case import OutOfTime
 from design.proof.largest import Largest
 from design.proof.largest import largest as find_largest
 from design.spec.load import Source
@@ -55,13 +57,18 @@ def render(
     if certificate and (problem.law == "cop" or math.isfinite(problem.adapt)):
         message = "certificates are for laws pd and force without adapt_s; prove without --certificate"
         raise BadInput(message, key="--certificate")
+    deadline, jobs = time.monotonic() + seconds, 1 + largest + bool(certificate)
     with terminal.progress() as say:
-        proofs = proved_in(problem, its, names, seconds=seconds, scale=scale, say=say)
-        sizes = _sizes(problem, its, names, seconds, say) if largest else []
+        proofs = proved_in(problem, its, names, seconds=seconds / jobs, scale=scale, say=say)
+        left = deadline - time.monotonic()
+        sizes = _sizes(problem, its, names, left / (jobs - 1), say) if largest else []
         if certificate and any(proof.answer == "proved" for proof in proofs):
             from design.proof.certificate import write
 
-            store.write(certificate, write(source, problem, its, proofs, scale, say))
+            try:
+                store.write(certificate, write(source, problem, its, proofs, scale, say, deadline))
+            except OutOfTime:
+                terminal.note(f"{certificate}: not written within the time limit of {seconds:g} s; take a longer one")
         elif certificate:
             terminal.note(f"{certificate}: not written: nothing is proved")
     answer = overall(proofs)

@@ -1,8 +1,7 @@
 """What is proved, as a certificate that ``design.checking`` confirms: trajectories, norms, and how the box is cut.
 
-The trajectories are Taylor series of degree ``DEGREE`` of the loop, one piece after another, for the middle of a part
-and the ends of each parameter that moves; their pieces are as long as the last term of the series allows. Nothing here
-needs to be right: the checker takes none of it on trust, and what it does not confirm is not written.
+The trajectories and the norm are the prover's (``design.proof.tube``). Nothing here needs to be right: the checker
+takes none of it on trust, and what it does not confirm is not written.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -23,26 +23,24 @@ from design.checking import verdict, world
 from design.checking.balls import ONE
 from design.checking.tube import STORED, Found, walk
 from design.errors import BadInput
+from design.model.environment import varied
 from design.model.laws import Gains
-from design.model.stability import closed_loop_matrix
 from design.proof.box import Proof, levels
-from design.proof.case import NAMES, Case, NotProved
+from design.proof.case import NAMES, Case, NotProved, OutOfTime
 from design.proof.jacobian import ranges
 from design.proof.norm import contracting
+from design.proof.taylor import restrictions
+from design.proof.trajectory import Trajectory
+from design.proof.tube import Tube
 from design.spec.load import Source
 from design.spec.setting import Setting
 
 Array = NDArray[np.float64]
 
-DEGREE = 7
-TERM = 1e-7
-"""The largest last term of a series, in what it does to the torque [N m]."""
-LONGEST = 0.05
-"""Of a piece [s]."""
-CALM = 12.0
-"""Time constants of the slowest pole for which the loop is watched after the end."""
-UNITS = 1 << 24
-"""The shortest piece is one of so many of its segment."""
+CUTS = 4
+"""Pieces that each of the prover's becomes: the checker bounds what happens in one less sharply."""
+GIVEN = 0.3
+"""By what part of itself the reach, and the range of the stiffness, may be more than the prover's."""
 MARGIN = Fraction(1, 10**5)
 """What is given away of the proved CoP margin [m], and a thousandth of it of the proved decay rate."""
 ROUNDS = 6
@@ -50,9 +48,12 @@ ROUNDS = 6
 
 def write(
     source: Source, problem: Setting, gains: Gains, proofs: list[Proof], scale: float = 1.0,
-    say: Callable[[str], None] = lambda _: None,
+    say: Callable[[str], None] = lambda _: None, deadline: float = math.inf,
 ) -> str:  # fmt: skip
-    """The text of a certificate for the proved scenarios of ``proofs``; raises ``BadInput`` where it cannot be made."""
+    """The text of a certificate for the proved scenarios of ``proofs``.
+
+    Raises ``BadInput`` where it cannot be made, ``OutOfTime`` where not by the ``deadline`` (``time.monotonic``).
+    """
     proved = [proof for proof in proofs if proof.answer == "proved"]
     if not proved:
         message = "nothing is proved, so there is nothing to certify"
@@ -68,12 +69,17 @@ def write(
         "scenarios": [],
     }
     exact = world.read(text)
+    checking_again = 0.0
     for proof in proved:
         try:
-            document["scenarios"].append(_Scenario(exact, problem, gains, proof, scale, say).entry())
+            scenario = _Scenario(exact, problem, gains, proof, scale, say, deadline - checking_again)
+            document["scenarios"].append(scenario.entry())
+            checking_again += scenario.walked
         except (checking.Refused, NotProved) as error:
             message = f"{proof.scenario}: is proved, but could not be certified: {error}"
             raise BadInput(message, key="--certificate") from None
+    if time.monotonic() + checking_again > deadline:
+        raise OutOfTime
     written = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
     answer = verdict.check(written.encode())
     if not answer.confirmed:
@@ -82,70 +88,12 @@ def write(
     return written
 
 
-@dataclass(eq=False)
-class _Worlds:
-    """The loop for several bodies and worlds at once: each number an array (w,); see ``design.checking.tube``."""
-
-    M: Array
-    L: Array
-    I: Array
-    ell: Array
-    slope: Array
-    g: float
-    gains: Gains
-    theta_d: float
-    kind: str
-    size: int
-
-    def series(self, z: Array, h: Array, signal: Array, climb: Array) -> Array:
-        """Taylor coefficients (size, DEGREE + 1, w), in shares of ``h`` (w,), from the states ``z`` (size, w).
-
-        ``signal`` and ``climb`` (j,): the signal at the beginning and what it gains within the piece.
-        """
-        n = DEGREE + 1
-        x = np.zeros((self.size, n, len(h)))
-        x[:, 0] = z
-        linear = np.zeros((2, len(signal), len(h)))
-        linear[0], linear[1] = signal[:, None], climb[:, None]
-        side, down = np.zeros((2, len(h))), np.zeros((2, len(h)))
-        down[0] = self.M * self.g
-        phi = x[0].copy()
-        if self.kind == "slope":
-            tilt = linear[:, 0] * self.slope
-            phi[:2] += tilt
-        elif self.kind == "platform":
-            side = -self.M * linear[:, 0]
-        else:
-            side, down = linear[:, 0], down - linear[:, 1]
-        S, C = np.zeros((n, len(h))), np.zeros((n, len(h)))
-        S[0], C[0] = np.sin(phi[0]), np.cos(phi[0])
-        K = self.gains
-        for k in range(n - 1):
-            if k:
-                turns = np.arange(1.0, k + 1)[:, None] * phi[1 : k + 1]
-                S[k] = (turns * C[k - 1 :: -1][:k]).sum(axis=0) / k
-                C[k] = -(turns * S[k - 1 :: -1][:k]).sum(axis=0) / k
-            tau = -K.K_p * x[0, k] - K.K_d * x[1, k] + (K.K_f * x[2, k] if self.size == 3 else 0.0)
-            if k == 0:
-                tau = tau + K.K_p * self.theta_d
-            moment = down[0] * S[k] + side[0] * C[k]
-            if k:
-                moment = moment + down[1] * S[k - 1] + side[1] * C[k - 1]
-            share = h / (k + 1)
-            x[0, k + 1] = share * x[1, k]
-            x[1, k + 1] = share * (self.L * moment + tau) / self.I
-            if self.size == 3:
-                x[2, k + 1] = share * tau / self.ell
-            phi[k + 1] = x[0, k + 1] + (tilt[1] if self.kind == "slope" and k == 0 else 0.0)
-        return x
-
-
 class _Scenario:
     """The entry of one scenario, and what is needed on the way to it."""
 
     def __init__(
         self, exact: dict[str, Any], problem: Setting, gains: Gains, proof: Proof, scale: float,
-        say: Callable[[str], None],
+        say: Callable[[str], None], deadline: float,
     ) -> None:  # fmt: skip
         self.exact, self.problem, self.its, self.proof, self.say = exact, problem, gains, proof, say
         self.table = next(each for each in exact["scenarios"] if each["name"] == proof.scenario)
@@ -158,6 +106,8 @@ class _Scenario:
         self.margin = self._claimed("cop-margin", _decimal(found["cop-margin"]) - MARGIN)
         self.decay = self._claimed("decay-rate", _decimal(found["decay-rate"]) - MARGIN / 1000)
         self.found: list[Found] = []
+        self.deadline = deadline
+        self.walked = 0.0  # seconds that the checker took for what is kept, and will take again
 
     def _claimed(self, row: str, value: Fraction) -> Fraction:
         return max(_decimal(self.needs[row]), Fraction(math.floor(value * 10**9), 10**9))
@@ -205,112 +155,67 @@ class _Scenario:
 
     # ---- a part
 
+    def _look(self) -> None:
+        if time.monotonic() + self.walked > self.deadline:
+            raise OutOfTime
+
     def _part(self, box: world.Box) -> tuple[dict[str, Any], Found]:
-        case = self._case(box)
-        after = self._after(case, box)
-        pieces, G, defect = self._trajectory(case, box, after)
-        reach = 1e-6
+        tube = Tube(self._case(box), self.deadline)
+        reach, G = tube.ranges()
+        segments = self._segments(tube.trajectory)
+        after = _decimal(tube.case.scenario.duration) - self.table["duration_s"]
+        wide = GIVEN * (G[1] - G[0]) + 1e-6 * max(map(abs, G))
         for _ in range(ROUNDS):
-            wide = 1.1 * reach * max(map(abs, G)) + 1e-9
-            P, rate = contracting(case, ranges(case, (G[0] - wide, G[1] + wide)), defect)
-            P /= np.trace(P)
+            over = ranges(tube.case, (G[0] - wide, G[1] + wide))
+            norm = contracting(tube.case, over, tube.defects, tube.h, self.deadline)
             part = {
-                "norm": [[float(P[i, j]) for j in range(i + 1)] for i in range(len(P))],
-                "rate": 0.999 * rate, "reach": reach, "after_s": after, "segments": pieces,
+                "frame": norm.S.tolist(), "blocks": list(norm.blocks), "rates": (0.999 * norm.rates).tolist(),
+                "couplings": (1.001 * norm.couplings).tolist(), "reach": (1 + GIVEN) * reach + 1e-9,
+                "after_s": float(after), "segments": segments,
             }  # fmt: skip
+            self._look()
+            began = time.monotonic()
             try:
-                return part, walk(self.exact, self.table, self.gains, self.g, box, _exactly(part), self.margin)
+                shown = walk(
+                    self.exact, self.table, self.gains, self.g, box, _exactly(part), self.margin, self._look
+                )  # fmt: skip
+                self.walked += time.monotonic() - began
+                return part, shown
             except checking.Refused as refusal:
                 if "reach" not in str(refusal):
                     raise
-                reach = 1.3 * float(str(refusal).split()[-2])
+                reach, wide = float(str(refusal).split()[-2]), 2 * wide
             if reach > 0.5:
                 break
         message = "the tube grows beyond what can be assumed of it"
         raise NotProved(message)
 
     def _case(self, box: world.Box) -> Case:
-        """The part as the prover has it, for its norm."""
+        """The part as the prover has it."""
         middle = {name: float(value) for name, (value, _) in box.items()}
         biped = replace(self.problem.biped, **{name: middle[name] for name in NAMES[:5]})
         radii = [float(half) for _, half in box.values()]
         radii[5] = math.radians(radii[5])
+        scenario = varied(
+            self.problem.scenario(self.proof.scenario), biped, slope=lambda _: math.radians(middle["slope"]),
+            ramp=lambda _: middle["ramp"],
+        )  # fmt: skip
         return Case(
             biped=biped, kind=self.problem.law, gains=self.its, theta_d=self.problem.theta_d,
-            scenario=self.problem.scenario(self.proof.scenario), radii=tuple(radii), step=self.problem.step,
+            scenario=scenario, radii=tuple(radii), step=self.problem.step,
         )  # fmt: skip
 
-    def _after(self, case: Case, box: world.Box) -> float:
-        if world.segments(self.table, box)[1] is None:
-            return 0.0
-        biped = case.biped
-        matrix = closed_loop_matrix(biped, case.kind, case.gains, biped.M * biped.g, biped.weight)
-        return round(CALM / max(-float(np.linalg.eigvals(matrix).real.max()), 0.1), 3)
-
-    def _trajectory(
-        self, case: Case, box: world.Box, after: float
-    ) -> tuple[list[list[Any]], tuple[float, float], Array]:
-        """The pieces of each segment, about the range of G, and about the sizes of the defect (n,) [1/s]."""
-        moving = [name for name, (_, half) in box.items() if half]
-        ends = [{}, *({name: sign * float(box[name][1])} for name in moving for sign in (1.0, -1.0))]
-        number = {
-            name: np.array([float(box[name][0]) + end.get(name, 0.0) for end in ends]) for name in NAMES
-        }  # fmt: skip
-        size = len(self.gains)
-        loops = _Worlds(
-            M=number["M"], L=number["L"], I=number["I"], ell=number["ell"], slope=np.radians(number["slope"]),
-            g=float(self.g), gains=self.its, theta_d=self.problem.theta_d, kind=self.table["kind"], size=size,
-        )  # fmt: skip
-        stretch = number["ramp"] / number["ramp"][0] if number["ramp"][0] else np.ones(len(ends))
-        scenario = case.scenario
-        z = np.zeros((size, len(ends)))
-        z[0], z[1] = scenario.theta0, scenario.omega0
-        felt = np.array([self.its.K_p, self.its.K_d, self.its.K_f])[:size]
-        centre = _recentring()
-        segments, _ = world.segments(self.table, box)
-        found: list[list[Any]] = []
-        low, high = math.inf, -math.inf
-        square = sum(float(half / middle) ** 2 for middle, half in box.values() if middle)
-        defect = np.zeros(size)
-        h = 1e-3
-        for k, segment in enumerate(segments):
-            length = float(segment.length) + (after if k + 1 == len(segments) else 0.0)
-            first = np.array([float(value) for value in segment.first])
-            gain = np.array([float(value) for value in segment.last]) - first
-            grows = stretch if segment.grows else np.ones(len(ends))
-            done, pieces = 0, []
-            h = min(h, 1e-3)
-            while done < UNITS:
-                weight = min(max(int(h / length * UNITS), 1), UNITS - done)
-                real = weight / UNITS * length
-                x = loops.series(z, real * grows, first + gain * (done / UNITS), gain * (weight / UNITS))
-                term = float((np.abs(x[:, -1]) * felt[:, None]).max())
-                better = real * min(max(0.9 * (TERM / max(term, 1e-300)) ** (1 / DEGREE), 0.2), 2.0)
-                h = min(better, LONGEST)
-                if term > 4 * TERM and weight > 1:
-                    continue
-                done += weight
-                defect = np.maximum(defect, (np.abs(x[:, -1]) + square * np.abs(x[:, 1])).max(axis=1) / real)
-                z = x.sum(axis=1)
-                if not (np.isfinite(z).all() and (np.abs(z[0]) < 1.5).all()):
-                    message = "the body falls"
-                    raise NotProved(message)
-                pieces.append([weight, *_rows(np.einsum("sdw,ed->sew", x, centre))])
-                G = self._stiffness(loops, z, first + gain * (done / UNITS))
-                low, high = min(low, float(G.min())), max(high, float(G.max()))
-            found.append(pieces)
-        spare = 0.002 * max(abs(low), abs(high))
-        if moving:  # corners of the box
-            spare += sum(float(box[name][1] / box[name][0]) for name in ("M", "L")) * high
-        return found, (low - spare, high + spare), defect
-
-    @staticmethod
-    def _stiffness(loops: _Worlds, z: Array, signal: Array) -> Array:
-        if loops.kind == "slope":
-            return np.asarray(loops.M * loops.g * loops.L * np.cos(z[0] + signal[0] * loops.slope))
-        side = -loops.M * signal[0] if loops.kind == "platform" else signal[0]
-        down = loops.M * loops.g - (0.0 if loops.kind == "platform" else signal[1])
-        return np.asarray(loops.L * (down * np.cos(z[0]) - side * np.sin(z[0])))
+    def _segments(self, found: Trajectory) -> list[list[Any]]:
+        """The pieces of each segment: a weight, and rows of coefficients by state; each of the prover's is cut."""
+        parts = np.einsum("nwsd,jde->njwse", found.c, restrictions(CUTS)).reshape(-1, *found.c.shape[1:])
+        segments, at = [], 0
+        for weights in found.weights:
+            segments.append([
+                [weight, *_rows(parts[CUTS * (at + k) + j].transpose(1, 2, 0))]
+                for k, weight in enumerate(weights) for j in range(CUTS)
+            ])  # fmt: skip
+            at += len(weights)
+        return segments
 
 
 def _rows(c: Array) -> list[list[list[int]]]:
@@ -328,12 +233,6 @@ def _trimmed(row: list[int]) -> list[int]:
     return row
 
 
-def _recentring() -> Array:
-    """From shares of a piece, 0 to 1, to v from -1 to 1: (degree, degree)."""
-    n = DEGREE + 1
-    return np.array([[math.comb(d, e) * 0.5**d if e <= d else 0.0 for d in range(n)] for e in range(n)])
-
-
 def _decimal(value: float) -> Fraction:
     return Fraction(repr(float(value)))
 
@@ -347,6 +246,6 @@ def _below(units: int) -> float:
 def _exactly(part: dict[str, Any]) -> dict[str, Any]:
     """The numbers as the checker will read them."""
     return {
-        **part, "norm": [[_decimal(entry) for entry in row] for row in part["norm"]],
-        **{key: _decimal(part[key]) for key in ("rate", "reach", "after_s")},
+        **part, **{key: _decimal(part[key]) for key in ("reach", "after_s")}, "rates": list(map(_decimal, part["rates"])),
+        **{key: [list(map(_decimal, row)) for row in part[key]] for key in ("frame", "couplings")},
     }  # fmt: skip

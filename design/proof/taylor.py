@@ -106,7 +106,7 @@ class Model:
 
     def parted(self, m: int) -> Model:
         """The same function in m n pieces: each piece cut into ``m`` of equal length."""
-        c = np.einsum("npd,jde->njpe", self.c, _restrictions(m)).reshape(-1, *self.c.shape[1:])
+        c = np.einsum("npd,jde->njpe", self.c, restrictions(m)).reshape(-1, *self.c.shape[1:])
         return Model(c, UP * (np.repeat(self.rest + ROUNDING * _size(self.c), m) + TINY))
 
     def slope(self) -> Model:
@@ -213,7 +213,7 @@ def _least_sizes(c: Array) -> Array:
 
 
 @lru_cache
-def _restrictions(m: int) -> Array:
+def restrictions(m: int) -> Array:
     """(m, degree, degree): from coefficients in v to those in each m-th of the piece; exact where m is 2, 4 or 8."""
     return np.array([
         [[math.comb(d, e) * ((1 + 2 * j - m) / m) ** (d - e) * m**-e if e <= d else 0.0 for e in range(DEGREE + 1)]

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from design.proof.case import NAMES, Case, NotProved, goes_on, longer, signals
 from design.proof.equations import Equations, Parts
 from design.proof.norm import falls, settled
-from design.proof.readout import Reach, quantities, reach_of
+from design.proof.readout import Reach, quantities, reach_of, stiffness
 from design.proof.taylor import ROUNDING, UP, Model, blank
 from design.proof.trajectory import trajectory
 from design.proof.windows import Norms, norms
@@ -63,7 +63,7 @@ class Bounds:
 def bounds(case: Case, deadline: float = math.inf) -> Bounds:
     """The bounds for ``case``; raises ``NotProved``, and ``OutOfTime`` after the ``deadline`` (``time.monotonic``)."""
     try:
-        tube = _Tube(case, deadline)
+        tube = Tube(case, deadline)
     except ValueError as error:
         raise NotProved(str(error)) from error
     try:
@@ -79,7 +79,7 @@ class End(NamedTuple):
     parts: Parts
 
 
-class _Tube:
+class Tube:
     """The approximate trajectories as models, and what is computed of them."""
 
     def __init__(self, case: Case, deadline: float) -> None:
@@ -145,7 +145,14 @@ class _Tube:
     # ---- all together
 
     def bounds(self) -> Bounds:
-        """Assume a reach, bound the tube, and enlarge the reach until the tube stays within it."""
+        """The bounds in the tube; raises ``NotProved``, ``OutOfTime``."""
+        return self._read(*self.closed())
+
+    def closed(self) -> tuple[Array, Reach, Norms, End | None]:
+        """Assume a reach, bound the tube, and enlarge the reach until the tube stays within it.
+
+        The radii D of its blocks over each piece and after the end, the reach, the norms, and what is at the end.
+        """
         end = self._end()
         places = [(self.x, self.parts), *([end] if end is not None else [])]
         cop = self.case.kind == "cop"
@@ -159,12 +166,23 @@ class _Tube:
             if not np.isfinite(D).all():
                 break
             if reach.within(assumed, all_three=cop):
-                return self._read(D, reach, its, end)
+                return D, reach, its, end
             assumed = Reach(*(np.maximum(WIDER * new, old) for new, old in zip(reach, assumed, strict=True)))
             if assumed.theta.max() > 1.0:
                 break
         message = "the tube grows beyond what can be assumed of it; take a smaller box"
         raise NotProved(message)
+
+    def ranges(self) -> tuple[float, tuple[float, float]]:
+        """The reach of theta [rad], and what the stiffness A L cos(theta - theta_f) lies in [N m], ever."""
+        _, reach, _, end = self.closed()
+        places = [self.parts, *([end.parts] if end is not None else [])]
+        ends = [
+            stiffness(parts, its.theta)
+            for parts, its in zip(places, reach.parted([len(parts.tau.c) for parts in places]), strict=True)
+        ]
+        low, high = min(float(each[0].min()) for each in ends), max(float(each[1].max()) for each in ends)
+        return float(reach.theta.max()), (low, high)
 
     def _end(self) -> End | None:
         """The constant approximation after the end; None where the force moves on."""

@@ -92,9 +92,9 @@ def check_contraction(norm: Norm, gains: Sequence[Fraction], ranges: tuple[Ends,
         K = _product(_product(norm.S, loop(gains, *corner)), back)
         for b, block in enumerate(norm.blocks):
             rate = norm.rates[b]
-            falls = positive([
-                [-w[i] * K[i][j] - w[j] * K[j][i] - (2 * rate * w[i] if i == j else 0) for j in block] for i in block
-            ])
+            falls = positive(
+                [[-w[i] * K[i][j] - w[j] * K[j][i] - (2 * rate * w[i] if i == j else 0) for j in block] for i in block]
+            )
             need(falls, f"the loop does not contract at the rate {float(rate):g} in the norm")
             for c, other in enumerate(norm.blocks):
                 square = sum((w[i] * K[i][j] ** 2 / w[j] for i in block for j in other), Fraction(0))

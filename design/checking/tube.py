@@ -3,8 +3,9 @@
 x~(t, p) is piecewise polynomial in time, linear in the parameters p of a box, and need not be a solution. Its defect
 is x~' - f(x~, t, p), with f written out in ``_Loop.parts``: (1), (3), (8), (9), (11). In coordinates z = S x in blocks
 (``linear``) D_b(t) bounds |S_b (x - x~)| where D_b' = -rate_b D_b + sum of coupling_bc D_c + |S_b defect|; this holds
-while theta is within a *reach* of theta~, and D never takes it there. Then toe and heel force, (5)-(7), differ from those of x~ by no
-more than ``_Loop.errors`` says. At the end, where the signal rests, x~(T) itself is a trajectory for ever after.
+while theta is within a *reach* of theta~, and D never takes it there. Then toe and heel force, (5)-(7), differ from
+those of x~ by no more than ``_Loop.errors`` says. At the end, where the signal rests, x~(T) itself is a trajectory for
+ever after.
 """
 
 from __future__ import annotations
@@ -157,7 +158,7 @@ class _Loop:
     def within(
         self, D: Sequence[int], added: Sequence[int], shortest: Fraction, longest: Fraction
     ) -> tuple[list[int], list[int]]:
-        """Bounds of the blocks over all of a piece, and at its end, from ``D`` on, where the defect ``added`` so much."""
+        """Bounds of the blocks over all of a piece, and at its end, from ``D`` on, where the defect ``added`` that."""
         U, over, last = self.most(D, added, longest), [], []
         for b, rate in enumerate(self.norm.rates):
             driven = sum((each * u for each, u in zip(self.norm.couplings[b], U, strict=True)), Fraction(0))
@@ -240,7 +241,8 @@ def walk(
             last = [Ball([[value] for value in each.ends(1)]) for each in x]
     if rests is not None:
         parts = loop.parts(last, [loop.just(value) for value in rests])
-        drift = [math.ceil(each / rate) for each, rate in zip(loop.norms([f.size() for f in parts.flow]), norm.rates)]
+        moved = loop.norms([f.size() for f in parts.flow])
+        drift = [math.ceil(each / rate) for each, rate in zip(moved, norm.rates, strict=True)]
         loop.read(last, parts, loop.most(D, drift, 1 / min(norm.rates)), margin, reach, found)
         found.for_ever = True
     need(found.reach < reach, f"the tube is wider than its reach: {found.reach / ONE:.3g} rad")

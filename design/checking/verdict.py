@@ -139,14 +139,19 @@ def _tree(
     if "torque" in claims:
         most = max(found.torque)
         need(most <= claims["torque"] * ONE, f"torque: is shown to be at most {most / ONE:.6g} only")
-    AL = tuple(a * b for a, b in zip(_sizes(scenario, box, g), _ends(box["L"]), strict=True))
-    check_decay(claims["decay-rate"], gains, ((AL[0], AL[1]), _ends(box["I"]), _ends(box["ell"])))
+    check_decay(claims["decay-rate"], gains, poles_over(scenario, box, g))
     answer.for_ever[scenario["name"]] = found.for_ever
     answer.parts, answer.pieces = answer.parts + 1, answer.pieces + found.pieces
 
 
 def _ends(part: tuple[Fraction, Fraction]) -> Ends:
     return part[0] - part[1], part[0] + part[1]
+
+
+def poles_over(scenario: dict[str, Any], box: Box, g: Fraction) -> tuple[Ends, Ends, Ends]:
+    """The ranges of A L, I and ell, on which the poles depend."""
+    low, high = (a * b for a, b in zip(_sizes(scenario, box, g), _ends(box["L"]), strict=True))
+    return (low, high), _ends(box["I"]), _ends(box["ell"])
 
 
 def _sizes(scenario: dict[str, Any], box: Box, g: Fraction) -> Ends:

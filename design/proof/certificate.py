@@ -11,7 +11,7 @@ import json
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from design import checking
 from design.checking import verdict, world
 from design.checking.balls import ONE
+from design.checking.linear import check_decay
 from design.checking.tube import STORED, Found, walk
 from design.errors import BadInput
 from design.model.environment import varied
@@ -38,11 +39,13 @@ from design.spec.setting import Setting
 Array = NDArray[np.float64]
 
 CUTS = 4
-"""Pieces that each of the prover's becomes: the checker bounds what happens in one less sharply."""
+"""Pieces that each of the prover's becomes until the scenario ends: the checker bounds one less sharply."""
 GIVEN = 0.3
 """By what part of itself the reach, and the range of the stiffness, may be more than the prover's."""
 MARGIN = Fraction(1, 10**5)
 """What is given away of the proved CoP margin [m], and a thousandth of it of the proved decay rate."""
+SHARES = ("1", "0.999", "0.99", "0.95", "0.9", "0.8", "0.65", "0.5", "0.2", "0")
+"""Parts of the proved decay rate that a certificate may claim."""
 ROUNDS = 6
 
 
@@ -104,13 +107,24 @@ class _Scenario:
         self.needs = levels(problem)
         found = proof.value
         self.margin = self._claimed("cop-margin", _decimal(found["cop-margin"]) - MARGIN)
-        self.decay = self._claimed("decay-rate", _decimal(found["decay-rate"]) - MARGIN / 1000)
+        self.decay = self._decay(_decimal(found["decay-rate"]) - MARGIN / 1000)
         self.found: list[Found] = []
         self.deadline = deadline
         self.walked = 0.0  # seconds that the checker took for what is kept, and will take again
 
     def _claimed(self, row: str, value: Fraction) -> Fraction:
         return max(_decimal(self.needs[row]), Fraction(math.floor(value * 10**9), 10**9))
+
+    def _decay(self, most: Fraction) -> Fraction:
+        """The largest decay rate that the checker sees of the whole box, which it does not cut for it."""
+        for share in SHARES:
+            claimed = self._claimed("decay-rate", most * Fraction(share))
+            try:
+                check_decay(claimed, self.gains, verdict.poles_over(self.table, self.box, self.g))
+            except checking.Refused:
+                continue
+            return claimed
+        return self._claimed("decay-rate", Fraction(0))
 
     def entry(self) -> dict[str, Any]:
         """Name, claims and tree."""
@@ -160,6 +174,7 @@ class _Scenario:
             raise OutOfTime
 
     def _part(self, box: world.Box) -> tuple[dict[str, Any], Found]:
+        check_decay(self.decay, self.gains, verdict.poles_over(self.table, box, self.g))
         tube = Tube(self._case(box), self.deadline)
         reach, G = tube.ranges()
         segments = self._segments(tube.trajectory)
@@ -207,14 +222,15 @@ class _Scenario:
 
     def _segments(self, found: Trajectory) -> list[list[Any]]:
         """The pieces of each segment: a weight, and rows of coefficients by state; each of the prover's is cut."""
-        parts = np.einsum("nwsd,jde->njwse", found.c, restrictions(CUTS)).reshape(-1, *found.c.shape[1:])
-        segments, at = [], 0
+        segments, number = [], 0
         for weights in found.weights:
-            segments.append([
-                [weight, *_rows(parts[CUTS * (at + k) + j].transpose(1, 2, 0))]
-                for k, weight in enumerate(weights) for j in range(CUTS)
-            ])  # fmt: skip
-            at += len(weights)
+            pieces: list[Any] = []
+            for weight in weights:
+                cuts = CUTS if found.edges[number] < self.table["duration_s"] else 1
+                parts = np.einsum("wsd,jde->jsew", found.c[number], restrictions(cuts))
+                pieces += [[CUTS // cuts * weight, *_rows(part)] for part in parts]
+                number += 1
+            segments.append(pieces)
         return segments
 
 
@@ -246,6 +262,7 @@ def _below(units: int) -> float:
 def _exactly(part: dict[str, Any]) -> dict[str, Any]:
     """The numbers as the checker will read them."""
     return {
-        **part, **{key: _decimal(part[key]) for key in ("reach", "after_s")}, "rates": list(map(_decimal, part["rates"])),
+        **part, **{key: _decimal(part[key]) for key in ("reach", "after_s")},
+        "rates": list(map(_decimal, part["rates"])),
         **{key: [list(map(_decimal, row)) for row in part[key]] for key in ("frame", "couplings")},
     }  # fmt: skip

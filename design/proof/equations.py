@@ -46,8 +46,8 @@ class Parts(NamedTuple):
 
     def parted(self, m: int) -> Parts:
         """The same with each piece cut into ``m``."""
-        *single, flow = self
-        return Parts(*(model.parted(m) for model in single), [model.parted(m) for model in flow])
+        single = {name: getattr(self, name).parted(m) for name in self._fields if name != "flow"}
+        return Parts(**single, flow=[model.parted(m) for model in self.flow])
 
 
 class Equations:

@@ -47,8 +47,7 @@ class Largest:
 def largest(
     setting: Setting, gains: Gains, name: str, *, seconds: float = 120.0, say: Callable[[str], None] = lambda _: None
 ) -> Largest:
-    """Both multiples in the scenario called ``name``; ``seconds`` are for all, no more than half of them for
-    sampling.
+    """Both multiples in the scenario called ``name``; of the ``seconds`` no more than half are for sampling.
 
     Raises ``ValueError`` where the spec has no [uncertainty] that bears on the scenario.
     """

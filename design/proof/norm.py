@@ -93,7 +93,7 @@ def contracting(
         P = _optimal(few, felt, defect, share * decay, min(left, 2.0))
         matrices += [P] if P is not None else []
     best = _best_single(np.stack(matrices), corners, felt, defect)
-    tried += [Frame(np.linalg.cholesky(best).T, (len(felt),))] if best is not None else []
+    tried += [Frame(np.asarray(np.linalg.cholesky(best).T), (len(felt),))] if best is not None else []
     choices: list[tuple[float, Norm]] = []
     for frame in tried:
         norm = _bounded(frame, corners)
@@ -141,7 +141,7 @@ def _effect(norm: Norm, felt: Array, defects: Array, h: Array) -> float:
 
 def felt_signed(felt: Array) -> Array:
     """How tau changes with each state: minus K_p, minus K_d, K_f, K_p."""
-    return felt * np.array([-1.0, -1.0, 1.0, 1.0])[: len(felt)]
+    return np.asarray(felt * np.array([-1.0, -1.0, 1.0, 1.0])[: len(felt)])
 
 
 def _lasting(defects: Array, h: Array, decay: float) -> Array:
@@ -155,7 +155,7 @@ def _lasting(defects: Array, h: Array, decay: float) -> Array:
             now = now * less + more
             if now > most[j]:
                 most[j] = now
-    return np.array(most) * decay
+    return np.asarray(np.array(most) * decay)
 
 
 def _best_single(tried: Array, corners: Array, felt: Array, defect: Array) -> Array | None:
@@ -220,7 +220,7 @@ def _cuts(decays: Array) -> list[list[tuple[float, float]]]:
 
 
 def _invariant(matrix: Array, low: float, high: float) -> Array | None:
-    """An orthonormal basis (n, k) of the invariant subspace of the poles that decay at rates from ``low`` to ``high``."""
+    """An orthonormal basis (n, k) of the invariant subspace of poles that decay at rates from ``low`` to ``high``."""
     try:
         _, Q, k = schur(matrix, output="real", sort=lambda re, im=0.0: low < -re <= high)
     except np.linalg.LinAlgError:
@@ -253,9 +253,7 @@ def _lyapunov(A: Array, weight: Array) -> Array:
     return np.asarray(0.5 * (P + P.T))
 
 
-def _optimal(
-    corners: Sequence[Array], felt: Array, defect: Array, rate: float, seconds: float
-) -> Array | None:
+def _optimal(corners: Sequence[Array], felt: Array, defect: Array, rate: float, seconds: float) -> Array | None:
     """P with P J + Jᵀ P <= -2 rate P at all ``corners`` for which a defect moves the forces least; None if none is.
 
     minimise t over P, t subject to sum of n defect_i² P_ii = 1, feltᵀ P⁻¹ felt <= t, and the inequalities: a small

@@ -1,4 +1,4 @@
-"""Approximate trajectories of several bodies and worlds at once: collocation on pieces as long as accuracy lets them be.
+"""Approximate trajectories of several bodies and worlds: collocation on pieces as long as accuracy lets them be.
 
 On each piece the states are polynomials of degree ``STAGES`` in v from -1 to 1, whose derivative is the loop's rate at
 the Radau points (Hairer and Wanner, Solving Ordinary Differential Equations II, IV.5). The method is stable however
@@ -21,7 +21,7 @@ from design.proof.case import NAMES, Case, NotProved, OutOfTime
 Array = NDArray[np.float64]
 
 STAGES = 7
-TOLERANCE = 3e-11
+TOLERANCE = 1e-9
 """Of the defect that the highest term leaves, in what it does to the torque, in parts of weight times half length."""
 FIRST = 1e-3
 """The length of the first piece after a corner that is tried [s]."""
@@ -79,7 +79,7 @@ class _Loops:
         return np.stack([scenario.to_force(part) for scenario, part in pairs], axis=1)
 
     def rate(self, x: Array, F: Array) -> Array:
-        """x' (w, q, n) at the states ``x`` (w, q, n) under the forces ``F`` (2, w, q)."""
+        """The rates x' (w, q, n) at the states ``x`` (w, q, n) under the forces ``F`` (2, w, q)."""
         K, theta, omega = self.case.gains, x[..., 0], x[..., 1]
         sine, cosine = np.sin(theta), np.cos(theta)
         tau = K.K_p * ((x[..., 3] if self.size > 3 else self.case.theta_d) - theta) - K.K_d * omega
@@ -100,7 +100,7 @@ class _Loops:
         return flow
 
     def jacobian(self, x: Array, F: Array) -> Array:
-        """dx'/dx (n, n) of the middle at the state ``x`` (n,), by differences; ``F`` (2,)."""
+        """The Jacobian dx'/dx (n, n) of the middle at the state ``x`` (n,), by differences; ``F`` (2,)."""
         step = 1e-6 * np.array([1.0, 1.0, 10.0, 1.0])[: self.size]
         moved = np.broadcast_to(x, (1 + self.size, self.size)).copy()
         moved[1:] += np.diag(step)
@@ -132,12 +132,15 @@ def trajectory(case: Case, deadline: float) -> Trajectory:
     scenario, n = case.scenario, case.size
     tolerance = TOLERANCE * case.biped.weight * case.biped.ell
     x = np.tile(np.array([scenario.theta0, scenario.omega0, 0.0, case.theta_d])[:n], (len(loops.M), 1))
-    edges, found, weights = [0.0], [], []
+    edges = [0.0]
+    found: list[Array] = []
+    weights: list[list[int]] = []
     h = FIRST
     for start, end in scenario.pieces():
         first, last = loops.ends((start, end))
         grows = loops.stretch if end <= float(scenario.times[-1]) else np.ones(len(loops.M))
-        done, shares, h = 0, [], min(h, FIRST)
+        done, h = 0, min(h, FIRST)
+        shares: list[int] = []
         before: Array | None = None
         while done < UNITS:
             if time.monotonic() > deadline or len(found) >= MOST:
@@ -166,9 +169,7 @@ def trajectory(case: Case, deadline: float) -> Trajectory:
     return Trajectory(edges=np.array(edges), c=np.stack(found), weights=weights)
 
 
-def _piece(
-    loops: _Loops, x: Array, F: Array, h: Array, before: Array | None, tolerance: float
-) -> tuple[Array, float]:
+def _piece(loops: _Loops, x: Array, F: Array, h: Array, before: Array | None, tolerance: float) -> tuple[Array, float]:
     """Coefficients (w, n, STAGES + 1) from the states ``x`` (w, n) on, and about the defect in torque [N m]."""
     n, half = x.shape[1], 0.5 * h[:, None, None]
     J = loops.jacobian(x[0], F[:, 0, STAGES // 2])

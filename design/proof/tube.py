@@ -1,9 +1,10 @@
 """Contact for all times and every body of a box: a tube around an approximate trajectory that holds the true ones.
 
-x̃(t, p) is any piecewise polynomial (``design.proof.trajectory``), linear in the parameters p of the box. Its defect x̃' - f(x̃, t, p) is bounded by Taylor models (``design.proof.taylor``). In coordinates S x in blocks
-whose norms fall at proved rates over the whole tube (``design.proof.norm``)
+x̃(t, p) is any piecewise polynomial (``design.proof.trajectory``), linear in the parameters p of the box. Its defect
+x̃' - f(x̃, t, p) is bounded by Taylor models (``design.proof.taylor``). In coordinates S x in blocks whose norms fall at
+proved rates over the whole tube (``design.proof.norm``)
 
-    |S_b (x - x̃)| (t) <= D_b(t),    D_b' = -rate_b D_b + sum of coupling_bc D_c + |S_b defect|,    D(0) = |S (x - x̃)(0)|
+    |S_b (x - x̃)| <= D_b,    D_b' = -rate_b D_b + sum of coupling_bc D_c + |S_b defect|,    D(0) = |S (x - x̃)(0)|
 
 The ranges of the Jacobian's numbers over the tube, on which the rate depends, are those of a tube of an assumed reach;
 that D stays below it closes the argument, and for law (20), which divides by the load, keeps the load above 0. *After

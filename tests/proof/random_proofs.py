@@ -11,6 +11,7 @@ import argparse
 import itertools
 import json
 import math
+import sys
 import time
 from collections import Counter
 from dataclasses import dataclass, field
@@ -24,6 +25,7 @@ from design.spec.setting import setting
 
 G = 9.81
 NAMES = ("M", "L", "I", "m", "ell", "slope", "ramp")
+WRONG = ("FALSE PROVED", "FALSE DISPROVED", "unknown with room")
 ROOM = 0.01
 """Of the weight: what is to spare where a proof is expected."""
 
@@ -261,13 +263,15 @@ def main():
         words[word] += 1
         times.append(took)
         room += case.spare
-        if word in ("FALSE PROVED", "FALSE DISPROVED", "unknown with room") or took > 5:
+        if word in WRONG or took > 5:
             box = sum(half > 0 for half in case.half.values())
-            print(f"{k}: {word}: {case.law} {case.kind} box {box}, poles {[f'{p:.3g}' for p in case.poles]}, level"
-                  f" {case.level:.4g} least {case.least:.4g}, parts {proof.parts}, share {proof.share:.3g}, {took:.1f} s:"
-                  f" {proof.why}", flush=True)  # fmt: skip
-    print(f"{dict(words)}; {room} with room; CPU s each: mean {np.mean(times):.2f}, median {np.median(times):.2f},"
-          f" largest {max(times):.1f}")  # fmt: skip
+            poles = ", ".join(f"{pole:.3g}" for pole in case.poles)
+            line = f"{k}: {word}: {case.law} {case.kind}, {box} uncertain, poles {poles}, demands {case.level:.5g}"
+            line += f" of {case.least:.5g} N, {proof.parts} parts, {100 * proof.share:.3g} %, {took:.1f} s: {proof.why}"
+            sys.stdout.write(line + "\n")
+            sys.stdout.flush()
+    spent = f"mean {np.mean(times):.2f}, median {np.median(times):.2f}, largest {max(times):.1f}"
+    sys.stdout.write(f"{dict(words)}; {room} with room; CPU s each: {spent}\n")
 
 
 if __name__ == "__main__":

@@ -58,20 +58,25 @@ class Norm:
 def norm_of(part: dict[str, Any], n: int) -> Norm:
     """The norm that a part of a certificate has: one matrix P and its rate, or coordinates in blocks."""
     if "norm" in part:
-        P = [[Fraction(part["norm"][max(a, b)][min(a, b)]) for b in range(n)] for a in range(n)]
+        P = [[_number(part["norm"][max(a, b)][min(a, b)]) for b in range(n)] for a in range(n)]
         need(positive(P), "the norm's matrix is not positive definite")
         S, weights = _squares(P)
-        return Norm(S, weights, [range(n)], [Fraction(part["rate"])], [[Fraction(0)]])
-    S, sizes = [[Fraction(entry) for entry in row] for row in part["frame"]], part["blocks"]
+        return Norm(S, weights, [range(n)], [_number(part["rate"])], [[Fraction(0)]])
+    S, sizes = [[_number(entry) for entry in row] for row in part["frame"]], part["blocks"]
     whole = all(type(size) is int and size > 0 for size in sizes) and sum(sizes) == n == len(S)
     need(whole and all(len(row) == n for row in S), "the blocks of the norm are not its coordinates")
     starts = [sum(sizes[:k]) for k in range(len(sizes))]
     blocks = [range(start, start + size) for start, size in zip(starts, sizes, strict=True)]
-    rates, couplings = ([Fraction(rate) for rate in part["rates"]],
-                        [[Fraction(entry) for entry in row] for row in part["couplings"]])  # fmt: skip
+    rates, couplings = ([_number(rate) for rate in part["rates"]],
+                        [[_number(entry) for entry in row] for row in part["couplings"]])  # fmt: skip
     square = len(rates) == len(couplings) == len(sizes) == min(map(len, couplings)) == max(map(len, couplings))
     need(square and min(map(min, couplings)) >= 0, "the rates and couplings are not those of the blocks")
     return Norm(S, [Fraction(1)] * n, blocks, rates, couplings)
+
+
+def _number(entry: Any) -> Fraction:
+    need(isinstance(entry, int | float | Fraction), "the norm holds what is no number")
+    return Fraction(entry)
 
 
 def _squares(P: Matrix) -> tuple[Matrix, list[Fraction]]:

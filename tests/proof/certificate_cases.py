@@ -215,27 +215,29 @@ def tampered():
         found[f"pushes: {old} -> {new}"] = respelled(pushes, old, new)
     # the cover of the box
     # the norm
-    blocks = json.loads(one)["scenarios"][0]["tree"]["part"]["blocks"]
+    found["rate"] = changed(one, (*PART, "rates", 0), lambda value: 1.05 * value)
+    apart = written(builtin_text("slope-step"), STEP[2:])
+    blocks = json.loads(apart)["scenarios"][0]["tree"]["part"]["blocks"]
     assert len(blocks) > 1
     for b in range(len(blocks)):
         for by, factor in (("more", 1.05), ("zero", 0), ("below zero", -1)):
-            found[f"rate {b} {by}"] = changed(one, (*PART, "rates", b), lambda value, f=factor: f * value)
+            found[f"rate {b} {by}"] = changed(apart, (*PART, "rates", b), lambda value, f=factor: f * value)
         for c in range(len(blocks)):
             if b != c:
-                found[f"coupling {b} {c}"] = changed(one, (*PART, "couplings", b, c), lambda value: 0.9 * value)
-                found[f"coupling {b} {c} below zero"] = changed(one, (*PART, "couplings", b, c), lambda value: -value)
-    found["a coupling without end"] = changed(one, (*PART, "couplings"), lambda rows: [[1e6] * len(rows)] * len(rows))
-    found["one block"] = changed(one, (*PART, "blocks"), lambda _: [3])
-    found["blocks of none"] = changed(one, (*PART, "blocks"), lambda sizes: [*sizes, 0])
-    found["blocks of too many"] = changed(one, (*PART, "blocks"), lambda sizes: [*sizes, 1])
+                found[f"coupling {b} {c}"] = changed(apart, (*PART, "couplings", b, c), lambda value: 0.5 * value)
+                found[f"coupling {b} {c} below zero"] = changed(apart, (*PART, "couplings", b, c), lambda value: -value)
+    found["a coupling without end"] = changed(apart, (*PART, "couplings"), lambda rows: [[1e6] * len(rows)] * len(rows))
+    found["one block"] = changed(apart, (*PART, "blocks"), lambda _: [3])
+    found["blocks of none"] = changed(apart, (*PART, "blocks"), lambda sizes: [*sizes, 0])
+    found["blocks of too many"] = changed(apart, (*PART, "blocks"), lambda sizes: [*sizes, 1])
     found["reach"] = changed(one, (*PART, "reach"), lambda value: 1e-4 * value)
     found["reach below zero"] = changed(one, (*PART, "reach"), lambda value: -value)
     for i in range(3):
         for j in range(3):
-            found[f"frame {i} {j}"] = changed(one, (*PART, "frame", i, j), lambda value: -value)
-    found["a frame that forgets a state"] = changed(one, (*PART, "frame"), lambda rows: [rows[0], rows[1], rows[1]])
+            found[f"frame {i} {j}"] = changed(apart, (*PART, "frame", i, j), lambda value: -value)
+    found["a frame that forgets a state"] = changed(apart, (*PART, "frame"), lambda rows: [rows[0], rows[1], rows[1]])
     found["a frame of zeros"] = changed(
-        one, (*PART, "frame"), lambda rows: [[0 * each for each in row] for row in rows]
+        apart, (*PART, "frame"), lambda rows: [[0 * each for each in row] for row in rows]
     )
     # the trajectory
     pieces = (*PART, "segments", 0)

@@ -33,6 +33,7 @@ from design.proof.taylor import TINY, UP
 from design.solvers.conic import Clarabel, Cone, ConicProgram, triangle
 
 Array = NDArray[np.float64]
+Integers = list[list[int]]
 
 SHARES = (0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 0.97)
 """Parts of the decay rate at which a norm is looked for."""
@@ -80,7 +81,7 @@ def contracting(
         raise NotProved(message)
     if before is not None:
         again = _bounded(Frame(before.S, before.blocks), corners)
-        if again is not None and (again.rates > LOST * before.rates).all() and all(holds(again, J) for J in exact):
+        if again is not None and (again.rates > LOST * before.rates).all() and holds(again, exact):
             return again
     felt, defect = case.felt, _lasting(defects, h, decay)
     tried = [] if single else _modal(middle)
@@ -100,7 +101,7 @@ def contracting(
         if norm is not None:
             choices.append((_effect(norm, felt, defects, h), norm))
     choices.sort(key=lambda choice: choice[0])
-    found = next((norm for cost, norm in choices[:3] if cost < math.inf and all(holds(norm, J) for J in exact)), None)
+    found = next((norm for cost, norm in choices[:3] if cost < math.inf and holds(norm, exact)), None)
     if found is None:
         message = "no norm in which the loop contracts over the whole tube and box was found"
         raise NotProved(message)
@@ -178,8 +179,13 @@ def _best_single(tried: Array, corners: Array, felt: Array, defect: Array) -> Ar
 
 def _of_lyapunov(middle: Array, felt: Array) -> list[Array]:
     decay = -float(np.linalg.eigvals(middle).real.max())
-    shifts = [middle + share * decay * np.eye(len(middle)) for share in SHARES]
-    return [_lyapunov(shift, weight) for weight in _weights(middle, felt) for shift in shifts]
+    weights, eye = np.stack(_weights(middle, felt)), np.eye(len(middle))
+    found = []
+    for share in SHARES:
+        A = middle + share * decay * eye
+        P = np.linalg.solve(np.kron(eye, A.T) + np.kron(A.T, eye), -weights.reshape(len(weights), -1).T)
+        found += [0.5 * (each + each.T) for each in P.T.reshape(weights.shape)]
+    return found
 
 
 def _modal(middle: Array) -> list[Frame]:
@@ -334,37 +340,36 @@ def falls(x: Array) -> tuple[Array, Array]:
 
 def inverted(S: Array) -> Array:
     """S^-1, each entry rounded away from zero from the exact one."""
-    exact = np.array([[float(entry) for entry in row] for row in _inverse(S)])
+    whole, scale = _integers(_rational(S))
+    adjugate, determinant = _adjugate(whole)
+    exact = np.array([[float(Fraction(entry * scale, determinant)) for entry in row] for row in adjugate])
     return np.asarray(exact + np.sign(exact) * np.abs(exact) * 1e-15)
 
 
-def _inverse(S: Array) -> Matrix:
-    n = len(S)
-    rows = [[Fraction(float(S[i, j])) for j in range(n)] + [Fraction(int(i == j)) for j in range(n)] for i in range(n)]
-    for i in range(n):
-        best = max(range(i, n), key=lambda k: abs(rows[k][i]))
-        rows[i], rows[best] = rows[best], rows[i]
-        pivot = rows[i][i]
-        rows[i] = [entry / pivot for entry in rows[i]]
-        for j in range(n):
-            if j != i:
-                factor = rows[j][i]
-                rows[j] = [a - factor * b for a, b in zip(rows[j], rows[i], strict=True)]
-    return [row[n:] for row in rows]
-
-
-def holds(norm: Norm, J: Array | Matrix) -> bool:
-    """Whether the rates and couplings of a norm are right for the Jacobian ``J``, decided exactly."""
-    K = _product(_product(_rational(norm.S), _rational(J)), _inverse(norm.S))
+def holds(norm: Norm, jacobians: Sequence[Array | Matrix]) -> bool:
+    """Whether the rates and couplings of a norm are right for all these Jacobians, decided in whole numbers."""
+    S, _ = _integers(_rational(norm.S))
+    adjugate, determinant = _adjugate(S)
+    if not determinant:
+        return False
+    if determinant < 0:
+        adjugate, determinant = [[-entry for entry in row] for row in adjugate], -determinant
     edges = np.cumsum([0, *norm.blocks]).tolist()
     blocks = [range(*pair) for pair in pairwise(edges)]
-    for b, its in enumerate(blocks):
-        rate = 2 * Fraction(float(norm.rates[b]))
-        if not _positive([[-K[i][j] - K[j][i] - (rate if i == j else 0) for j in its] for i in its]):
-            return False
-        for c, other in enumerate(blocks):
-            if c != b and sum(K[i][j] ** 2 for i in its for j in other) > Fraction(float(norm.couplings[b, c])) ** 2:
+    rates = [Fraction(float(rate)) for rate in norm.rates]
+    couplings = [[Fraction(float(each)) for each in row] for row in norm.couplings]
+    for J in jacobians:
+        whole, scale = _integers(_rational(J))
+        K, unit = _product(_product(S, whole), adjugate), scale * determinant  # S J S^-1 in parts of the unit
+        for b, its in enumerate(blocks):
+            top, bottom = 2 * rates[b].numerator * unit, rates[b].denominator
+            if not _positive([[-(K[i][j] + K[j][i]) * bottom - (top if i == j else 0) for j in its] for i in its]):
                 return False
+            for c, other in enumerate(blocks):
+                most = couplings[b][c]
+                size = sum(K[i][j] ** 2 for i in its for j in other) * most.denominator**2
+                if c != b and size > (most.numerator * unit) ** 2:
+                    return False
     return True
 
 
@@ -372,21 +377,37 @@ def _rational(matrix: Array | Matrix) -> Matrix:
     return [[Fraction(entry) for entry in row] for row in matrix]
 
 
-def _product(a: Matrix, b: Matrix) -> Matrix:
-    return [[sum((x * y for x, y in zip(row, column, strict=True)), Fraction(0)) for column in zip(*b, strict=True)]
-            for row in a]  # fmt: skip
+def _integers(matrix: Matrix) -> tuple[Integers, int]:
+    """The matrix times the least number that makes it whole, and that number."""
+    scale = math.lcm(*(entry.denominator for row in matrix for entry in row))
+    return [[entry.numerator * (scale // entry.denominator) for entry in row] for row in matrix], scale
 
 
-def _positive(matrix: list[list[Fraction]]) -> bool:
+def _adjugate(matrix: Integers) -> tuple[Integers, int]:
+    """The matrix of cofactors, transposed, and the determinant."""
+    n = len(matrix)
+
+    def cofactor(i: int, j: int) -> int:
+        minor = [row[:j] + row[j + 1 :] for k, row in enumerate(matrix) if k != i]
+        return int((-1) ** (i + j) * (_determinant(minor) if minor else 1))
+
+    return [[cofactor(i, j) for i in range(n)] for j in range(n)], _determinant(matrix)
+
+
+def _product(a: Integers, b: Integers) -> Integers:
+    columns = list(zip(*b, strict=True))
+    return [[sum(x * y for x, y in zip(row, column, strict=True)) for column in columns] for row in a]
+
+
+def _positive(matrix: Integers) -> bool:
     """Whether a symmetric matrix is positive definite, by its leading minors."""
     return all(_determinant([row[:size] for row in matrix[:size]]) > 0 for size in range(1, len(matrix) + 1))
 
 
-def _determinant(matrix: list[list[Fraction]]) -> Fraction:
+def _determinant(matrix: Integers) -> int:
     if len(matrix) == 1:
         return matrix[0][0]
     return sum(
-        ((-1) ** c * matrix[0][c] * _determinant([row[:c] + row[c + 1 :] for row in matrix[1:]])
-         for c in range(len(matrix))),
-        Fraction(0),
+        (-1) ** c * matrix[0][c] * _determinant([row[:c] + row[c + 1 :] for row in matrix[1:]])
+        for c in range(len(matrix)) if matrix[0][c]
     )  # fmt: skip

@@ -14,12 +14,14 @@ import math
 import sys
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from design.checking.verdict import check
 from design.proof.box import prove
+from design.proof.certificate import write
 from design.spec.load import parse
 from design.spec.setting import setting
 
@@ -47,7 +49,7 @@ class Random:
     level: float = 0.0
     least: float = math.nan
     spare: bool = False
-    unit: dict = field(default_factory=dict)
+    stable: bool = True
 
     def text(self):
         """The spec."""
@@ -191,6 +193,31 @@ def _fallen(_, flat):
 _fallen.terminal = True
 
 
+def slowest(case, points):
+    """The least decay rate [1/s] of the loops at rest at the ``points`` (w, 7), under all that the signal comes to."""
+    K_p, K_d, K_f = case.gains
+    weight = (case.number["M"] + case.number["m"]) * G
+    found = math.inf
+    signals = [np.array(value) for t, value in case.corners if t <= case.duration]
+    signals += [a + share * (b - a) for a, b in itertools.pairwise(signals) for share in np.linspace(0, 1, 9)]
+    for point in points:
+        v = {name: case.number[name] + case.half[name] * point[k] for k, name in enumerate(NAMES)}
+        for signal in signals:
+            side, down, load = 0.0, v["M"] * G, (v["M"] + v["m"]) * G
+            if case.kind == "slope":
+                load += v["M"] * G * (math.cos(math.radians(v["slope"] * signal[0])) - 1)
+            elif case.kind == "platform":
+                side = -v["M"] * signal[0]
+            else:
+                side, down, load = signal[0], down - signal[1], load - signal[1]
+            turned = (math.hypot(side, down) * v["L"] - K_p) / v["I"]
+            A = np.array([[0.0, 1.0, 0.0], [turned, -K_d / v["I"], K_f / v["I"]], [-K_p, -K_d, K_f]])
+            A[2] *= {"pd": 0.0, "force": 1.0, "cop": weight / load}[case.law] / v["ell"]
+            n = 2 if case.law == "pd" else 3
+            found = min(found, -float(np.linalg.eigvals(A[:n, :n]).real.max()))
+    return found
+
+
 def _value(corners, at, t):
     begin, value = corners[at]
     if at + 1 == len(corners):
@@ -210,8 +237,9 @@ def posed(rng):
             for part in [*some, *rng.uniform(-1, 1, (8, len(moving)))]:
                 points.append(np.zeros(7))
                 points[-1][moving] = part
-        slowest = min(-pole.real for pole in case.poles)
-        case.least = float(least(case, np.array(points), 8 / slowest).min())
+        watched = 8 / min(-pole.real for pole in case.poles)
+        case.stable = slowest(case, points) > 0
+        case.least = float(least(case, np.array(points), watched).min()) if case.stable else -math.inf
         weight = (case.number["M"] + case.number["m"]) * G
         if case.least > 1.5 * ROOM * weight:
             case.spare = bool(rng.random() < 0.7)
@@ -241,12 +269,27 @@ def judged(case, seconds=20.0):
             if case.half[name]:
                 value = math.degrees(broken.at[name]) if name == "slope" else broken.at[name]
                 at[0, k] = (value - case.number[name]) / case.half[name]
-        slowest = min(-pole.real for pole in case.poles)
-        if np.abs(at).max() > 1 + 1e-9 or least(case, at, 8 / slowest)[0] > case.level + 1e-3:
+        if broken.row == "decay-rate":
+            wrong = slowest(case, at) > 0
+        else:
+            watched = 8 / min(-pole.real for pole in case.poles)
+            wrong = least(case, at, watched)[0] > case.level + 1e-3
+        if np.abs(at).max() > 1 + 1e-9 or wrong:
             word = "FALSE DISPROVED"
     elif case.spare:
         word = "unknown with room"
     return proof, word, took
+
+
+def certified(case, proof, seconds=120.0):
+    """Whether what is proved is certified, and the certificate confirmed."""
+    origin = parse(case.text(), origin="random.toml")
+    problem = setting(origin.spec)
+    text = write(origin, problem, problem.gains, [proof], deadline=time.monotonic() + seconds)
+    answer = check(text.encode())
+    claims = answer.claims["s"]
+    assert min(claims["toe-force"], claims["heel-force"]) <= case.least + 1e-3
+    return answer.confirmed
 
 
 def main():
@@ -255,12 +298,19 @@ def main():
     reading.add_argument("--count", type=int, default=100)
     reading.add_argument("--seed", type=int, default=1)
     reading.add_argument("--seconds", type=float, default=20.0)
+    reading.add_argument("--certify", action="store_true", help="also write and check certificates")
     given = reading.parse_args()
     words, times, room = Counter(), [], 0
     for k in range(given.count):
         case = posed(np.random.default_rng([given.seed, k]))
         proof, word, took = judged(case, given.seconds)
         words[word] += 1
+        if given.certify and word == "proved" and case.law != "cop":
+            try:
+                words["certified" if certified(case, proof) else "certificate refused"] += 1
+            except Exception as error:
+                words["not certified"] += 1
+                sys.stdout.write(f"{k}: not certified: {type(error).__name__} {error}\n")
         times.append(took)
         room += case.spare
         if word in WRONG or took > 5:

@@ -323,16 +323,16 @@ def test_rates_and_couplings_claimed_by_a_hair_too_good_are_refused(blocks, seed
     S, J = np.random.default_rng(seed).standard_normal((2, 3, 3))
     norm = _norm(S, blocks, J)
     more = 1e-9 * np.abs(np.linalg.inv(S)).max() * np.abs(S).max() * np.abs(J).max() * np.linalg.cond(S)
-    assert holds(replace(norm, rates=norm.rates - more, couplings=norm.couplings + more), J)
+    assert holds(replace(norm, rates=norm.rates - more, couplings=norm.couplings + more), [J])
     for b in range(len(blocks)):
         faster = norm.rates - more
         faster[b] += 2 * more
-        assert not holds(replace(norm, rates=faster, couplings=norm.couplings + more), J)
+        assert not holds(replace(norm, rates=faster, couplings=norm.couplings + more), [J])
         for c in range(len(blocks)):
             if b != c:
                 looser = norm.couplings + more
                 looser[b, c] = norm.couplings[b, c] - more
-                assert not holds(replace(norm, rates=norm.rates - more, couplings=np.maximum(looser, 0.0)), J)
+                assert not holds(replace(norm, rates=norm.rates - more, couplings=np.maximum(looser, 0.0)), [J])
     assert (np.abs(inverted(S)) >= np.abs(np.linalg.inv(S)) * (1 - 1e-9)).all()
 
 

@@ -46,6 +46,8 @@ MARGIN = Fraction(1, 10**5)
 """What is given away of the proved CoP margin [m], and a thousandth of it of the proved decay rate."""
 SHARES = ("1", "0.999", "0.99", "0.95", "0.9", "0.8", "0.65", "0.5", "0.2", "0")
 """Parts of the proved decay rate that a certificate may claim."""
+DEEP = 3
+"""After so many cuts a box is not cut for the CoP margin alone."""
 ROUNDS = 6
 
 
@@ -146,6 +148,7 @@ class _Scenario:
         except (checking.Refused, NotProved) as error:
             why = str(error)
         else:
+            self._lower(found, depth)
             why = self._broken(found)
             if not why:
                 self.found.append(found)
@@ -156,6 +159,22 @@ class _Scenario:
             raise checking.Refused(why)
         name = max(moving, key=lambda name: box[name][1] / (abs(box[name][0]) or 1))
         return {"cut": name, "halves": [self._tree(half, depth + 1) for half in verdict.halves(box, name)]}
+
+    def _lower(self, found: Found, depth: int) -> None:
+        """Claim no more of the CoP margin than the checker sees, where that is most of what is proved.
+
+        A margin smaller by d leaves d (F_T + F_H) more.
+        """
+        loads = [toe + heel for toe, heel in zip(found.toe, found.heel, strict=True)]
+        if min(found.cop) >= 0 or min(loads) <= 0:
+            return
+        least = [min(pair) for pair in zip(found.cop[::2], found.cop[1::2], strict=True)]
+        lacking = max(Fraction(-left, load) for left, load in zip(least, loads, strict=True))
+        lower = self._claimed("cop-margin", self.margin - Fraction(101, 100) * lacking - MARGIN / 10)
+        if lower < self.margin and (lower > Fraction(9, 10) * self.margin or depth >= DEEP):
+            gained = self.margin - lower
+            found.cop = [math.floor(left + gained * load) for left, load in zip(least, loads, strict=True)]
+            self.margin = lower
 
     def _broken(self, found: Found) -> str:
         for row, values in (("toe-force", found.toe), ("heel-force", found.heel)):

@@ -117,13 +117,8 @@ def segments(scenario: dict[str, Any], box: Box) -> tuple[list[Segment], tuple[F
 def _corners(scenario: dict[str, Any], ramp: Fraction) -> list[Corner]:
     kind = scenario["kind"]
     if kind in ("slope", "force"):
-        flat = kind == "slope" and scenario["angle_deg"] == 0  # a slope that is uncertain around none is there at once
         final = (Fraction(1),) if kind == "slope" else (scenario["fx_n"], scenario.get("fy_n", Fraction(0)))
-        return (
-            [(Fraction(0), final)]
-            if ramp == 0 or flat
-            else [(Fraction(0), (0 * final[0],) * len(final)), (ramp, final)]
-        )
+        return [(Fraction(0), final)] if ramp == 0 else [(Fraction(0), (0 * final[0],) * len(final)), (ramp, final)]
     rows = scenario["acceleration_mps2" if kind == "platform" else "points"]
     points = [(row[0], tuple(row[1:])) for row in rows]
     return [(Fraction(0), points[0][1]), *points]

@@ -95,7 +95,7 @@ class Case:
     def middle(self) -> dict[str, float]:
         """The middle of the box, by NAMES."""
         biped, scenario = self.biped, self.scenario
-        final = float(scenario.signal[0, -1]) if scenario.kind == "slope" else 0.0
+        final = scenario.angle if scenario.kind == "slope" else 0.0
         values = (biped.M, biped.L, biped.I, biped.m, biped.ell, final, float(scenario.times[-1]))
         return dict(zip(NAMES, values, strict=True))
 
@@ -130,7 +130,7 @@ def longer(case: Case) -> Case:
 
 def goes_on(scenario: Scenario) -> bool:
     """Whether the force still changes when the scenario ends."""
-    return scenario.steady_from >= scenario.duration and bool(np.ptp(scenario.signal, axis=1).any())
+    return not scenario.rests
 
 
 def pieces(scenario: Scenario, step: float) -> tuple[Array, Array, tuple[Array, Array]]:

@@ -103,16 +103,32 @@ def sizes(bodies: Body, scenario: Scenario) -> Range:
     if scenario.kind == "slope":
         return weight
     points = []
-    for column in scenario.signal.T.tolist():
+    for column in corners(scenario):
         if scenario.kind == "platform":
-            points.append((bodies.M * -around(column[0]), weight))
+            points.append((bodies.M * point(-column[0]), weight))
         else:
-            points.append((around(column[0]), weight - around(column[1])))
+            points.append((point(column[0]), weight - point(column[1])))
     squares = [_square(x) + _square(y) for x, y in points]
     low = min(square.low for square in squares)
     for (x0, y0), (x1, y1) in pairwise(points):
         low = min(low, _nearest(x0, y0, x1, y1))
     return Range(_root(low)[0], _root(max(square.high for square in squares))[1])
+
+
+def corners(scenario: Scenario) -> list[tuple[Fraction, ...]]:
+    """The signal where it has corners, both sides of its jumps, and when the scenario ends: all of it lies between."""
+    end = decimal(scenario.duration)
+    points = [
+        (decimal(t), tuple(map(decimal, column)))
+        for t, column in zip(scenario.times.tolist(), scenario.signal.T.tolist(), strict=True)
+    ]
+    within = [value for t, value in points if t < end]
+    before, after = points[len(within) - 1], points[len(within) : len(within) + 1]
+    if not after:
+        return within
+    ((t, value),) = after  # the first point at the end or after it: what the signal has come to when the scenario ends
+    share = (end - before[0]) / (t - before[0])
+    return [*within, tuple(a + share * (b - a) for a, b in zip(before[1], value, strict=True))]
 
 
 def _square(x: Range) -> Range:
@@ -139,9 +155,9 @@ def loads(bodies: Body, scenario: Scenario, slope: Range) -> Range:
     if scenario.kind == "platform":
         return foot + weight
     if scenario.kind != "slope":
-        down = [around(force) for force in scenario.signal[1].tolist()]
-        return foot + weight - Range(min(each.low for each in down), max(each.high for each in down))
-    farthest = max(abs(slope.low), abs(slope.high), *(abs(decimal(part)) for part in scenario.signal[0].tolist()))
+        down = [column[1] for column in corners(scenario)]
+        return foot + weight - Range(min(down), max(down))
+    farthest = max(abs(slope.low), abs(slope.high)) * max(abs(column[0]) for column in corners(scenario))
     return foot + weight * Range(_cosine(Fraction(math.ceil(farthest * DIGITS), DIGITS)), Fraction(1))
 
 

@@ -34,7 +34,7 @@ def numbers(case: Case) -> Numbers:
     """The ranges for a part of a box."""
     scenario = case.scenario
     bodies = body(case.biped, case.radii)
-    final = around(float(scenario.signal[0, -1]), case.radii[5])
+    final = around(scenario.angle, case.radii[5])
     AL, load = sizes(bodies, scenario) * bodies.L, loads(bodies, scenario, final)
     return Numbers(I=_shorter(bodies.I), ell=_shorter(bodies.ell), AL=_shorter(AL), load=_shorter(load))
 

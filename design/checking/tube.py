@@ -29,8 +29,8 @@ from design.checking.balls import (
     sine_and_cosine,
     up,
 )
-from design.checking.linear import Matrix, check_contraction, inverted, positive
-from design.checking.world import Box, segments
+from design.checking.linear import Matrix, check_contraction, ends_of, inverted, positive
+from design.checking.world import Box, number, segments
 
 STORED = 52
 """Coefficients are stored in units of 2^-52."""
@@ -166,22 +166,22 @@ def walk(
     part: dict[str, Any], margin: Fraction,
 ) -> Found:  # fmt: skip
     """What the ``part`` of a certificate shows of a box; ``margin`` is the claimed one of the CoP [m]."""
-    lower, rate = [[Fraction(entry) for entry in row] for row in part["norm"]], Fraction(part["rate"])
+    lower, rate = [[number(entry) for entry in row] for row in part["norm"]], number(part["rate"])
     P = [[lower[max(a, b)][min(a, b)] for b in range(len(gains))] for a in range(len(gains))]
     need(positive(P), "the norm's matrix is not positive definite")
     loop = _Loop(spec, scenario, gains, g, box, P)
-    reach = above(Fraction(part["reach"]))
+    reach = above(number(part["reach"]))
     found = Found(toe=[], heel=[], cop=[], torque=[], G=[])
     wanted, rests = segments(scenario, box)
-    after = Fraction(part["after_s"])
+    after = number(part["after_s"])
     need(len(wanted) == len(part["segments"]) and all(part["segments"]), "the trajectory lacks a part of the signal")
     need(after == 0 or (after > 0 and rests is not None), "it goes on after an end at which the signal does not rest")
     none = [Fraction(0)] * len(loop.moving)
     start = [radians(scenario.get(key, Fraction(0)), none) for key in ("initial_angle_deg", "initial_rate_deg_per_s")]
     last = [*start, loop.just(Fraction(0))][: len(gains)]
     D = 0
-    for number, (segment, pieces) in enumerate(zip(wanted, part["segments"], strict=True)):
-        length = segment.length + (after if number + 1 == len(wanted) else 0)
+    for index, (segment, pieces) in enumerate(zip(wanted, part["segments"], strict=True)):
+        length = segment.length + (after if index + 1 == len(wanted) else 0)
         total, done = sum(piece[0] for piece in pieces), 0
         for weight, *states in pieces:
             whole = type(weight) is int and weight > 0 and len(states) == len(gains)
@@ -207,12 +207,8 @@ def walk(
         found.for_ever = True
     need(found.reach < reach, f"the tube is wider than its reach: {found.reach / ONE:.3g} rad")
     G = Fraction(min(found.G), ONE), Fraction(max(found.G), ONE)
-    check_contraction(P, rate, gains, (G, _ends(box["I"]), _ends(box["ell"])))
+    check_contraction(P, rate, gains, (G, ends_of(box["I"]), ends_of(box["ell"])))
     return found
-
-
-def _ends(part: tuple[Fraction, Fraction]) -> tuple[Fraction, Fraction]:
-    return part[0] - part[1], part[0] + part[1]
 
 
 def _stored(rows: list[list[int]], k: int) -> Ball:

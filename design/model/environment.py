@@ -2,8 +2,9 @@
 
 Every scenario is a piecewise linear *signal* (the share of a slope's final angle, a force, or a floor's acceleration)
 and a map from the signal to the force (F_x, F_y) on the centre of gravity. The share is kept apart from the angle, so
-that a slope whose final angle is 0, or crosses 0 within its uncertainty, has the same ramp as any other. Integration takes its steps from ``steps``: none
-crosses a breakpoint, and each step sees one piece only, so that a jump is not smeared over a step.
+that a slope whose final angle is 0, or crosses 0 within its uncertainty, has the same ramp as any other. Integration
+takes its steps from ``steps``: none crosses a breakpoint, and each step sees one piece only, so that a jump is not
+smeared over a step.
 """
 
 from __future__ import annotations

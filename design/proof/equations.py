@@ -75,7 +75,7 @@ class Equations:
         return found
 
     def world(self, n: int, ends: tuple[Array, Array]) -> World:
-        """The world in each piece, from the signal at its ends (each (j, n)); of a slope it is the share of its angle."""
+        """The world in each piece, from the signal at its ends (each (j, n)): of a slope the share of its angle."""
         kind, p = self.case.scenario.kind, self.numbers(n)
         signals = []
         for first, last in zip(*ends, strict=True):

@@ -6,6 +6,7 @@ piece on which the force is linear, read densely. Degrees, newtons and metres, a
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -59,7 +60,7 @@ def run(world, gains, duration, *, per_piece=400):
     edges = sorted({0.0, duration, *(t for t in corners if 0 < t < duration)})
     z = np.array([math.radians(world.theta0_deg), math.radians(world.omega0_deg), 0.0])
     columns = []
-    for piece in zip(edges[:-1], edges[1:], strict=True):
+    for piece in pairwise(edges):
 
         def rate(t, z, piece=piece):
             tau, acceleration, _ = reactions(t, z, piece)

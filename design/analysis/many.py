@@ -7,6 +7,7 @@ What is found is to be confirmed by ``design.analysis.simulate`` or the second o
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -54,11 +55,13 @@ def extremes(
     adapt: float = math.inf,
     known: Biped | None = None,
     impulse: float = 0.0,
+    deadline: float = math.inf,
 ) -> Extremes:
     """The runs at ``shares`` (N, 7) of the half-widths of ``tolerances``, which ``tolerances.drawn`` explains.
 
     The law has ``theta_d`` [rad], P_d = ``target`` [m], adapts within ``adapt`` [s], and knows the body ``known``, or
     else ``biped``. An ``impulse`` [N s] at the centre of gravity comes before the start.
+    What has not been run by the ``deadline`` (``time.monotonic``) is left out.
     """
     shares = np.asarray(shares, dtype=float)
     law = _Law(kind=kind, gains=gains, body=known or biped, theta_d=theta_d, target=target, adapt=adapt)
@@ -76,6 +79,8 @@ def extremes(
     steps = scenario.steps(step)
     with np.errstate(all="ignore"):
         for t, h in zip(steps.t[:-1].tolist(), steps.h.tolist(), strict=True):
+            if time.monotonic() > deadline:
+                break
             if h == 0:
                 continue
             F = [world(t, t + 0.5 * h), world(t + 0.5 * h, t + 0.5 * h), world(t + h, t + 0.5 * h)]
@@ -214,11 +219,12 @@ def least_forces(
     target: float = 0.0,
     adapt: float = math.inf,
     known: Biped | None = None,
+    deadline: float = math.inf,
 ) -> tuple[Array, Array]:
     """The smallest toe and heel force (N,) [N] of ``extremes``."""
     found = extremes(
         biped, kind, gains, scenario, tolerances, shares, step=step, theta_d=theta_d, target=target, adapt=adapt,
-        known=known,
+        known=known, deadline=deadline,
     )  # fmt: skip
     return found.toe, found.heel
 

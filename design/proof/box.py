@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal
@@ -18,9 +18,11 @@ from typing import Literal
 import numpy as np
 
 from design.model.laws import Gains
+from design.model.uncertainty import Spread
 from design.proof import poles
 from design.proof.case import NAMES, Case, NotProved
 from design.proof.counterexample import Counterexample, counterexample
+from design.proof.exact import decimal
 from design.proof.tube import bounds
 from design.spec.setting import Setting
 
@@ -36,7 +38,9 @@ class Proof:
     """What is proved of one scenario.
 
     ``value``: by row, the bound that holds for every body and world of the box and all times; ``time_s`` where it is
-    worst; ``share`` of the box that is proved; ``parts`` bounded; ``why`` not all.
+    worst; ``share`` of the box that is proved; ``parts`` bounded; ``why`` not all. ``every_time``: also after the
+    scenario's end at ``end_s``, where its force rests; else until then. ``checked``: confirmed by the independent
+    checker (``design.checking``), or ``unchecked``: why it is not.
     """
 
     scenario: str
@@ -48,6 +52,10 @@ class Proof:
     seconds: float = 0.0
     why: str = ""
     counterexample: Counterexample | None = None
+    every_time: bool = False
+    end_s: float = 0.0
+    checked: bool = False
+    unchecked: str = ""
     box: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -78,7 +86,7 @@ def prove(
     scenario = setting.scenario(scenario_name)
     whole = _case(setting, gains, scenario_name, scale)
     demanded = levels(setting)
-    proof = Proof(scenario=scenario.name, box=_box(whole))
+    proof = Proof(scenario=scenario.name, box=_box(whole), every_time=scenario.rests, end_s=scenario.duration)
     waiting: list[tuple[Case, float]] = [(whole, 1.0)]
     while waiting:
         proof.seconds = time.monotonic() - began
@@ -120,7 +128,22 @@ def _case(setting: Setting, gains: Gains, name: str, scale: float) -> Case:
     return Case(
         biped=biped, kind=setting.law, gains=gains, theta_d=setting.theta_d, scenario=scenario, radii=tuple(radii),
         step=setting.step, known=setting.known or biped, adapt=setting.adapt,
+        limits=_limits(values, radii, [getattr(tolerances, name) for name in NAMES], scale),
     )  # fmt: skip
+
+
+def _limits(
+    values: Sequence[float], radii: Sequence[float], spreads: Sequence[Spread], scale: float
+) -> dict[str, tuple[float, float]]:
+    """By NAMES, the floats between which the box lies, as its decimals define it: rounded inward by a trace."""
+    found = {}
+    for name, value, radius, spread in zip(NAMES, values, radii, spreads, strict=True):
+        if radius > 0:
+            middle = decimal(value)
+            half = decimal(scale) * (decimal(spread.absolute) + decimal(spread.part) * abs(middle))
+            trace = (abs(middle) + half) / 2**51
+            found[name] = float(middle - half + trace), float(middle + half - trace)
+    return found
 
 
 def _box(case: Case) -> dict[str, tuple[float, float]]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
@@ -38,7 +39,8 @@ class Case:
     """``biped`` and ``scenario`` are the middle of the box, ``radii`` (7,) its half-widths by NAMES [SI, rad].
 
     The law may adapt within ``adapt`` [s]. It reckons with the body that is ``known`` to it, ``biped`` if that is None:
-    one body, whatever the real one. What the law reckons with counts as the floats that it is.
+    one body, whatever the real one. What the law reckons with counts as the floats that it is. ``limits``: by NAMES,
+    between which floats the parameters of the whole box lie, of which this may be a part.
     """
 
     biped: Biped
@@ -50,6 +52,7 @@ class Case:
     step: float
     known: Biped | None = None
     adapt: float = math.inf
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def believed(self) -> Biped:

@@ -141,13 +141,14 @@ def _confirmed(
     one: Case, demanded: dict[str, float], row: str, t: Array, k: int, small: float, deadline: float
 ) -> Counterexample | None:
     """The violation near sample ``k``, if it is far larger than the integrator's error there."""
-    times = np.linspace(t[max(k - 1, 0)], t[min(k + 1, len(t) - 1)], 2 * REFINED + 1)
+    times = np.append(np.linspace(t[max(k - 1, 0)], t[min(k + 1, len(t) - 1)], 2 * REFINED + 1), t[k])
     coarse, fine = (_run(one, times, tolerance, deadline) for tolerance in (1e-10, 1e-12))
     margin, other = (_margins(one, demanded, ran)[row] for ran in (fine, coarse))
-    broken = np.flatnonzero(margin < -small)
-    if not (fine.finished and len(broken)):
+    if not (fine.finished and (margin < -small).any()):
         return None
-    at = int(broken[0]) if demanded[row] == 0 else int(np.nanargmin(margin))
+    # the foot lifts at a sample; else it is where the violation is largest between the samples
+    lifts = demanded[row] == 0 and row in ("toe-force", "heel-force")
+    at = int(np.nanargmin(np.where(fine.t == t[k], margin, np.inf) if lifts else margin))
     if not abs(margin[at] - other[at]) * BEYOND < -margin[at]:
         return None
     return Counterexample(

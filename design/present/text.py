@@ -148,8 +148,11 @@ def report_table(rows: Sequence[Row], paint: Paint) -> list[str]:
     return painted + notes
 
 
-def trajectory_lines(run: Trajectory) -> list[str]:
-    """What a run comes to, in words."""
+def trajectory_lines(run: Trajectory, coarse: str = "") -> list[str]:
+    """What a run comes to, in words; where its time step is too ``coarse``, only that."""
+    if coarse:
+        said = f"NO RESULT: {coarse}; what this step computes is not what the body does"
+        return [f"scenario {run.scenario}:", *textwrap.wrap(said, 76, initial_indent="  ", subsequent_indent="    ")]
     low_t, low_h = int(np.argmin(run.F_T)), int(np.argmin(run.F_H))
     lost = run.lost_contact
     lines = [

@@ -146,9 +146,10 @@ def _confirmed(
     margin, other = (_margins(one, demanded, ran)[row] for ran in (fine, coarse))
     if not (fine.finished and (margin < -small).any()):
         return None
-    # the foot lifts at a sample; else it is where the violation is largest between the samples
-    lifts = demanded[row] == 0 and row in ("toe-force", "heel-force")
-    at = int(np.nanargmin(np.where(fine.t == t[k], margin, np.inf) if lifts else margin))
+    at = int(np.nanargmin(margin))
+    if demanded[row] == 0 and row in ("toe-force", "heel-force"):  # it lifts: told at the sample after that instant
+        margin, other = (_quantities(one, ran)[row] for ran in (fine, coarse))
+        at = int(np.nanargmin(np.where(fine.t == t[k], margin, np.inf)))
     if not abs(margin[at] - other[at]) * BEYOND < -margin[at]:
         return None
     return Counterexample(

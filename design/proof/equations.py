@@ -55,6 +55,9 @@ class Equations:
             if getattr(biped, name) <= radii[NAMES.index(name)] and not (name == "m" and biped.m == radii[3] == 0):
                 message = f"the box holds bodies without {name}"
                 raise NotProved(message)
+        if radii[6] > 0 and case.middle["ramp"] <= radii[6]:
+            message = "the box holds ramps that take no time, or less; take a smaller one"
+            raise NotProved(message)
 
     def number(self, name: str, value: float, n: int) -> Model:
         """``value`` in n pieces, as it goes with the parameter called ``name``."""

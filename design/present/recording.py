@@ -207,7 +207,7 @@ def as_text(result: Measured) -> str:
             if not math.isnan(spread)
         )
         what = (
-            "noise: standard deviation, a mean over time; no tolerances are given"
+            "noise: standard deviation, a mean over time; tolerances: none given"
             if found.bias is None
             else "noise: standard deviation, a mean over time; body: the most that a body within [uncertainty] moves"
             " the estimate by at any time; how late a changing force is read comes on top"

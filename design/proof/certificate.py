@@ -338,7 +338,7 @@ class _Scenario:
                 defect = np.maximum(defect, (np.abs(x[:, -1]) + square * np.abs(x[:, 1])).max(axis=1) / real)
                 z = x.sum(axis=1)
                 if not (np.isfinite(z).all() and (np.abs(z[0]) < 1.5).all()):
-                    message = "the body falls"
+                    message = "the body leans too far"
                     raise NotProved(message)
                 pieces.append([weight, *_rows(np.einsum("sdw,ed->sew", x, centre))])
                 G = self._stiffness(loops, z, first + gain * (done / UNITS))

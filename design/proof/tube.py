@@ -152,7 +152,7 @@ class _Tube:
         begin = rate(z[:, :-1], forces[0], K).full() * (0.5 * h)
         end = rate(z[:, 1:], forces[2], K).full() * (0.5 * h)
         if not (np.isfinite(z).all() and (np.abs(z[0]) < 1.5).all()):
-            message = "the body falls"
+            message = "the approximate trajectory is lost: the body leans too far, or the time step is too coarse"
             raise NotProved(message)
         a, b = z[:, :-1], z[:, 1:]
         cubic = [

@@ -66,7 +66,7 @@ def extremes(
     shares = np.asarray(shares, dtype=float)
     law = _Law(kind=kind, gains=gains, body=known or biped, theta_d=theta_d, target=target, adapt=adapt)
     bodies = _bodies(biped, tolerances, shares)
-    final = _spread(tolerances.slope, float(scenario.signal[0, -1]), shares[:, 5])
+    final = _spread(tolerances.slope, scenario.angle, shares[:, 5])
     ramp = _spread(tolerances.ramp, float(scenario.times[-1]), shares[:, 6])
     world = _world(scenario, bodies.M, biped.g, final, ramp)
     n = len(shares)
@@ -236,17 +236,13 @@ def _moved(z: State, rate: State, h: float) -> State:
 def _world(scenario: Scenario, M: Array, g: float, final: Array, ramp: Array):  # type: ignore[no-untyped-def]
     """(t, a time within the step) -> F_x and F_y (N,)."""
     nominal = float(scenario.times[-1])
-    whole = float(scenario.signal[0, -1])
     stretched = scenario.kind in ("slope", "force") and nominal > 0
+    pace = nominal / np.maximum(ramp, 1e-9) if stretched else np.ones_like(M)  # a ramp that takes longer is slower
 
     def world(t: float, inside: float) -> tuple[Array, Array]:
-        if stretched:
-            grown = np.clip(t / np.maximum(ramp, 1e-9), 0.0, 1.0)
-            signal = scenario.signal[:, -1:] * grown
-        else:
-            signal = scenario.signal_by(np.array([inside]), np.array([t])) * np.ones_like(M)
+        signal = scenario.signal_by(inside * pace, t * pace)
         if scenario.kind == "slope":
-            alpha = signal[0] / whole * final if whole else final
+            alpha = signal[0] * final
             return M * g * np.sin(alpha), M * g * (1 - np.cos(alpha))
         if scenario.kind == "platform":
             return -M * signal[0], np.zeros_like(M)

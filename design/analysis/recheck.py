@@ -67,8 +67,10 @@ def second_opinion(
     s0: float = 0.0,
     known: Biped | None = None,
     deadline: float = math.inf,
+    times: Array | None = None,
+    tolerance: float = 1e-10,
 ) -> SecondOpinion:
-    """Run the loop again, to a relative tolerance of 1e-10, and read it at the samples of ``step`` [s].
+    """Run the loop again, to a relative ``tolerance``, and read it at the samples of ``step`` [s] or at ``times`` (j,).
 
     The states are theta, omega, s, and theta_d itself, which follows the estimate within ``adapt`` [s]. ``target``: P_d
     [m]; ``s0``: s at t = 0; ``known``: the body that the law reckons with, where it is another than ``biped``; both
@@ -76,7 +78,7 @@ def second_opinion(
     """
     believed = known or biped
     solve_ivp = load_integrator()
-    samples = scenario.steps(step)
+    samples = scenario.steps(step) if times is None else scenario.steps_at(times)
     z = np.full((4, len(samples.t)), np.nan)
     state = np.array([scenario.theta0, scenario.omega0, s0, theta_d])
     finished = True
@@ -103,8 +105,8 @@ def second_opinion(
                 (start, end),
                 state,
                 method="DOP853",
-                rtol=1e-10,
-                atol=1e-12,
+                rtol=tolerance,
+                atol=1e-2 * tolerance,
                 t_eval=times,
                 events=_blow_up,
                 max_step=LONGEST,

@@ -30,8 +30,8 @@ from design.checking.balls import (
     sine_and_cosine,
     up,
 )
-from design.checking.linear import Norm, check_contraction, norm_of
-from design.checking.world import Box, segments
+from design.checking.linear import Norm, check_contraction, ends_of, norm_of
+from design.checking.world import Box, number, segments
 
 ATTEMPTS = 200
 STORED = 52
@@ -208,18 +208,18 @@ def walk(
     norm = norm_of(part, len(gains))
     need(min(norm.rates) > 0, "the rate of contraction is not above 0")
     loop = _Loop(spec, scenario, gains, g, box, norm)
-    reach = above(Fraction(part["reach"]))
+    reach = above(number(part["reach"]))
     found = Found(toe=[], heel=[], cop=[], torque=[], G=[])
     wanted, rests = segments(scenario, box)
-    after = Fraction(part["after_s"])
+    after = number(part["after_s"])
     need(len(wanted) == len(part["segments"]) and all(part["segments"]), "the trajectory lacks a part of the signal")
     need(after == 0 or (after > 0 and rests is not None), "it goes on after an end at which the signal does not rest")
     none = [Fraction(0)] * len(loop.moving)
     start = [radians(scenario.get(key, Fraction(0)), none) for key in ("initial_angle_deg", "initial_rate_deg_per_s")]
     last = [*start, loop.just(Fraction(0))][: len(gains)]
     D = [0] * len(norm.blocks)
-    for number, (segment, pieces) in enumerate(zip(wanted, part["segments"], strict=True)):
-        length = segment.length + (after if number + 1 == len(wanted) else 0)
+    for index, (segment, pieces) in enumerate(zip(wanted, part["segments"], strict=True)):
+        length = segment.length + (after if index + 1 == len(wanted) else 0)
         total, done = sum(piece[0] for piece in pieces), 0
         for weight, *states in pieces:
             look()
@@ -247,12 +247,8 @@ def walk(
         found.for_ever = True
     need(found.reach < reach, f"the tube is wider than its reach: {found.reach / ONE:.3g} rad")
     G = Fraction(min(found.G), ONE), Fraction(max(found.G), ONE)
-    check_contraction(norm, gains, (G, _ends(box["I"]), _ends(box["ell"])))
+    check_contraction(norm, gains, (G, ends_of(box["I"]), ends_of(box["ell"])))
     return found
-
-
-def _ends(part: tuple[Fraction, Fraction]) -> tuple[Fraction, Fraction]:
-    return part[0] - part[1], part[0] + part[1]
 
 
 def _stored(rows: list[list[int]], k: int) -> Ball:

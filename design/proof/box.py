@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal
@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 
 from design.model.laws import Gains
+from design.model.uncertainty import Spread
 from design.proof import poles
 from design.proof.case import NAMES, Case, NotProved, OutOfTime
 from design.proof.counterexample import Counterexample, counterexample
@@ -37,7 +38,9 @@ class Proof:
     """What is proved of one scenario.
 
     ``value``: by row, the bound that holds for every body and world of the box and all times; ``time_s`` where it is
-    worst; ``share`` of the box that is proved; ``parts`` bounded; ``why`` not all.
+    worst; ``share`` of the box that is proved; ``parts`` bounded; ``why`` not all. ``every_time``: also after the
+    scenario's end at ``end_s``, where its force rests; else until then. ``checked``: confirmed by the independent
+    checker (``design.checking``), or ``unchecked``: why it is not.
     """
 
     scenario: str
@@ -49,6 +52,10 @@ class Proof:
     seconds: float = 0.0
     why: str = ""
     counterexample: Counterexample | None = None
+    every_time: bool = False
+    end_s: float = 0.0
+    checked: bool = False
+    unchecked: str = ""
     box: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -80,7 +87,7 @@ def prove(
     scenario = setting.scenario(scenario_name)
     whole = _case(setting, gains, scenario_name, scale)
     demanded = levels(setting)
-    proof = Proof(scenario=scenario.name, box=_box(whole))
+    proof = Proof(scenario=scenario.name, box=_box(whole), every_time=scenario.rests, end_s=scenario.duration)
     waiting: list[tuple[Case, float]] = [(whole, 1.0)]
     while waiting:
         case, volume = waiting.pop()
@@ -109,7 +116,7 @@ def prove(
 def _case(setting: Setting, gains: Gains, name: str, scale: float) -> Case:
     scenario, biped, tolerances = setting.scenario(name), setting.biped, setting.tolerances
     ramp = float(scenario.times[-1]) if scenario.kind in ("slope", "force") else 0.0
-    final = float(scenario.signal[0, -1]) if scenario.kind == "slope" else 0.0
+    final = scenario.angle if scenario.kind == "slope" else 0.0
     values = (biped.M, biped.L, biped.I, biped.m, biped.ell, final, ramp)
     radii = [
         scale * (getattr(tolerances, name).around(value, 1.0) - value)
@@ -122,7 +129,22 @@ def _case(setting: Setting, gains: Gains, name: str, scale: float) -> Case:
     return Case(
         biped=biped, kind=setting.law, gains=gains, theta_d=setting.theta_d, scenario=scenario, radii=tuple(radii),
         step=setting.step, known=setting.known or biped, adapt=setting.adapt,
+        limits=_limits(values, radii, [getattr(tolerances, name) for name in NAMES], scale),
     )  # fmt: skip
+
+
+def _limits(
+    values: Sequence[float], radii: Sequence[float], spreads: Sequence[Spread], scale: float
+) -> dict[str, tuple[float, float]]:
+    """By NAMES, the floats between which the box lies, as its decimals define it: rounded inward by a trace."""
+    found = {}
+    for name, value, radius, spread in zip(NAMES, values, radii, spreads, strict=True):
+        if radius > 0:
+            middle = decimal(value)
+            half = decimal(scale) * (decimal(spread.absolute) + decimal(spread.part) * abs(middle))
+            trace = (abs(middle) + half) / 2**51
+            found[name] = float(middle - half + trace), float(middle + half - trace)
+    return found
 
 
 def _box(case: Case) -> dict[str, tuple[float, float]]:

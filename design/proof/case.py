@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
@@ -40,7 +41,8 @@ class Case:
     """``biped`` and ``scenario`` are the middle of the box, ``radii`` (7,) its half-widths by NAMES [SI, rad].
 
     The law may adapt within ``adapt`` [s]. It reckons with the body that is ``known`` to it, ``biped`` if that is None:
-    one body, whatever the real one. What the law reckons with counts as the floats that it is.
+    one body, whatever the real one. What the law reckons with counts as the floats that it is. ``limits``: by NAMES,
+    between which floats the parameters of the whole box lie, of which this may be a part.
     """
 
     biped: Biped
@@ -52,6 +54,7 @@ class Case:
     step: float
     known: Biped | None = None
     adapt: float = math.inf
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def believed(self) -> Biped:
@@ -97,7 +100,7 @@ class Case:
     def middle(self) -> dict[str, float]:
         """The middle of the box, by NAMES."""
         biped, scenario = self.biped, self.scenario
-        final = float(scenario.signal[0, -1]) if scenario.kind == "slope" else 0.0
+        final = scenario.angle if scenario.kind == "slope" else 0.0
         values = (biped.M, biped.L, biped.I, biped.m, biped.ell, final, float(scenario.times[-1]))
         return dict(zip(NAMES, values, strict=True))
 
@@ -131,7 +134,7 @@ def longer(case: Case) -> Case:
 
 def goes_on(scenario: Scenario) -> bool:
     """Whether the force still changes when the scenario ends."""
-    return scenario.steady_from >= scenario.duration and bool(np.ptp(scenario.signal, axis=1).any())
+    return not scenario.rests
 
 
 def signals(scenario: Scenario, edges: Array) -> tuple[Array, Array]:

@@ -53,52 +53,75 @@ ROUNDS = 6
 
 def write(
     source: Source, problem: Setting, gains: Gains, proofs: list[Proof], scale: float = 1.0,
-    say: Callable[[str], None] = lambda _: None, deadline: float = math.inf,
+    say: Callable[[str], None] = lambda _: None,
 ) -> str:  # fmt: skip
-    """The text of a certificate for the proved scenarios of ``proofs``.
-
-    Raises ``BadInput`` where it cannot be made, ``OutOfTime`` where not by the ``deadline`` (``time.monotonic``).
-    """
+    """The text of a certificate for the proved scenarios of ``proofs``; raises ``BadInput`` where it cannot be made."""
     proved = [proof for proof in proofs if proof.answer == "proved"]
     if not proved:
         message = "nothing is proved, so there is nothing to certify"
         raise BadInput(message, key="--certificate")
-    text = source.text
-    if hashlib.sha256(text.encode()).hexdigest() != source.sha256:
-        text = "\ufeff" + text
-    document: dict[str, Any] = {
+    entries = []
+    for proof in proved:
+        try:
+            entries.append(confirmed(source, problem, gains, proof, scale, say=say)[0])
+        except Unconfirmed as error:
+            message = f"{proof.scenario}: is proved, but could not be certified: {error}"
+            raise BadInput(message, key="--certificate") from None
+    return document(source, problem, gains, entries, scale)
+
+
+class Unconfirmed(Exception):
+    """No certificate of a scenario could be written that the checker confirms; the text says why."""
+
+
+def confirmed(
+    source: Source, problem: Setting, gains: Gains, proof: Proof, scale: float = 1.0, *,
+    seconds: float = math.inf, say: Callable[[str], None] = lambda _: None,
+) -> tuple[dict[str, Any], verdict.Answer]:  # fmt: skip
+    """A certificate's entry for one proved scenario, and the checker's answer, which is that it is confirmed.
+
+    Both within so many ``seconds``. Raises ``Unconfirmed``.
+    """
+    scenario = _Scenario(world.read(_text(source)), problem, gains, proof, scale, time.monotonic() + seconds, say)
+    try:
+        entry = scenario.entry()
+        scenario.look()
+    except (checking.Refused, NotProved) as error:
+        raise Unconfirmed(str(error)) from None
+    except OutOfTime:
+        message = "the time limit came before the independent checker had confirmed it"
+        raise Unconfirmed(message) from None
+    answer = verdict.check(document(source, problem, gains, [entry], scale).encode())
+    if not answer.confirmed:
+        raise Unconfirmed(answer.why)
+    return entry, answer
+
+
+def _text(source: Source) -> str:
+    """The spec's text as its digest has it."""
+    same = hashlib.sha256(source.text.encode()).hexdigest() == source.sha256
+    return source.text if same else "\ufeff" + source.text
+
+
+def document(source: Source, problem: Setting, gains: Gains, entries: list[dict[str, Any]], scale: float = 1.0) -> str:
+    """The text of a certificate with these entries."""
+    text = _text(source)
+    facts = {
         "format": verdict.FORMAT,
         "spec": {"name": source.spec.name, "sha256": hashlib.sha256(text.encode()).hexdigest(), "text": text},
         "law": {"kind": problem.law, "kp": gains.K_p, "kd": gains.K_d, "kf": gains.K_f},
         "scale": scale,
-        "scenarios": [],
+        "scenarios": entries,
     }
-    exact = world.read(text)
-    checking_again = 0.0
-    for proof in proved:
-        try:
-            scenario = _Scenario(exact, problem, gains, proof, scale, say, deadline - checking_again)
-            document["scenarios"].append(scenario.entry())
-            checking_again += scenario.walked
-        except (checking.Refused, NotProved) as error:
-            message = f"{proof.scenario}: is proved, but could not be certified: {error}"
-            raise BadInput(message, key="--certificate") from None
-    if time.monotonic() + checking_again > deadline:
-        raise OutOfTime
-    written = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
-    answer = verdict.check(written.encode())
-    if not answer.confirmed:
-        message = f"the certificate is not confirmed: {answer.why}"
-        raise BadInput(message, key="--certificate")
-    return written
+    return json.dumps(facts, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
 
 
 class _Scenario:
     """The entry of one scenario, and what is needed on the way to it."""
 
     def __init__(
-        self, exact: dict[str, Any], problem: Setting, gains: Gains, proof: Proof, scale: float,
-        say: Callable[[str], None], deadline: float,
+        self, exact: dict[str, Any], problem: Setting, gains: Gains, proof: Proof, scale: float, deadline: float,
+        say: Callable[[str], None],
     ) -> None:  # fmt: skip
         self.exact, self.problem, self.its, self.proof, self.say = exact, problem, gains, proof, say
         self.table = next(each for each in exact["scenarios"] if each["name"] == proof.scenario)
@@ -122,7 +145,7 @@ class _Scenario:
         for share in SHARES:
             claimed = self._claimed("decay-rate", most * Fraction(share))
             try:
-                check_decay(claimed, self.gains, verdict.poles_over(self.table, self.box, self.g))
+                check_decay(claimed, self.gains, verdict.linear_ranges(self.table, self.box, self.g))
             except checking.Refused:
                 continue
             return claimed
@@ -188,12 +211,13 @@ class _Scenario:
 
     # ---- a part
 
-    def _look(self) -> None:
+    def look(self) -> None:
+        """Raise ``OutOfTime`` where the checker could not read again, by the deadline, what is kept."""
         if time.monotonic() + self.walked > self.deadline:
             raise OutOfTime
 
     def _part(self, box: world.Box) -> tuple[dict[str, Any], Found]:
-        check_decay(self.decay, self.gains, verdict.poles_over(self.table, box, self.g))
+        check_decay(self.decay, self.gains, verdict.linear_ranges(self.table, box, self.g))
         tube = Tube(self._case(box), self.deadline)
         reach, G = tube.ranges()
         segments = self._segments(tube.trajectory)
@@ -207,11 +231,11 @@ class _Scenario:
                 "couplings": (1.001 * norm.couplings).tolist(), "reach": (1 + GIVEN) * reach + 1e-9,
                 "after_s": float(after), "segments": segments,
             }  # fmt: skip
-            self._look()
+            self.look()
             began = time.monotonic()
             try:
                 shown = walk(
-                    self.exact, self.table, self.gains, self.g, box, _exactly(part), self.margin, self._look
+                    self.exact, self.table, self.gains, self.g, box, _exactly(part), self.margin, self.look
                 )  # fmt: skip
                 self.walked += time.monotonic() - began
                 return part, shown

@@ -254,7 +254,7 @@ class Tube:
         for i, k in enumerate(self.case.moving):
             share = self.case.radii[k] / getattr(biped, NAMES[k]) if NAMES[k] in NAMES[:5] else 0.0
             for model in (self.parts.tau, self.parts.load):
-                size = np.abs(model.c[:, 0]).sum(axis=1)
-                share += float(np.abs(model.c[:, 1 + i]).sum(axis=1).max() / size.max())
+                size = np.abs(model.c).sum(axis=(1, 2)).max()  # of level ground the nominal tau is 0
+                share += float(np.abs(model.c[:, 1 + i]).sum(axis=1).max() / max(size, 1e-300))
             found[k] = share
         return found

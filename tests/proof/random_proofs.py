@@ -19,9 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from design.checking.verdict import check
 from design.proof.box import prove
-from design.proof.certificate import write
+from design.proof.certificate import confirmed
 from design.spec.load import parse
 from design.spec.setting import setting
 
@@ -285,8 +284,7 @@ def certified(case, proof, seconds=120.0):
     """Whether what is proved is certified, and the certificate confirmed."""
     origin = parse(case.text(), origin="random.toml")
     problem = setting(origin.spec)
-    text = write(origin, problem, problem.gains, [proof], deadline=time.monotonic() + seconds)
-    answer = check(text.encode())
+    answer = confirmed(origin, problem, problem.gains, proof, seconds=seconds)[1]
     claims = answer.claims["s"]
     assert min(claims["toe-force"], claims["heel-force"]) <= case.least + 1e-3
     return answer.confirmed

@@ -11,7 +11,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -121,23 +121,6 @@ def document(source: Source, problem: Setting, gains: Gains, entries: list[dict[
     return json.dumps(facts, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
 
 
-class _Timed(list[Any]):
-    """Pieces that can be read until the ``deadline``."""
-
-    deadline = math.inf
-
-    def __iter__(self) -> Iterator[Any]:
-        for piece in super().__iter__():
-            _in_time(self.deadline)
-            yield piece
-
-
-def _in_time(deadline: float) -> None:
-    if time.monotonic() > deadline:
-        message = "the time limit came before it was done"
-        raise Unconfirmed(message)
-
-
 @dataclass(eq=False)
 class _Worlds:
     """The loop for several bodies and worlds at once: each number an array (w,); see ``design.checking.tube``."""
@@ -235,7 +218,9 @@ class _Scenario:
 
     def _tree(self, box: world.Box, depth: int) -> dict[str, Any]:
         why = ""
-        _in_time(self.deadline)
+        if time.monotonic() > self.deadline:
+            message = "the time limit came before the independent checker had confirmed it"
+            raise Unconfirmed(message)
         try:
             check_decay(self.decay, self.gains, verdict.linear_ranges(self.table, box, self.g))
             part, found = self._part(box)
@@ -278,12 +263,8 @@ class _Scenario:
                 "norm": [[float(P[i, j]) for j in range(i + 1)] for i in range(len(P))],
                 "rate": 0.999 * rate, "reach": reach, "after_s": after, "segments": pieces,
             }  # fmt: skip
-            exactly = _exactly(part)
-            exactly["segments"] = [_Timed(each) for each in pieces]
-            for each in exactly["segments"]:
-                each.deadline = self.deadline
             try:
-                return part, walk(self.exact, self.table, self.gains, self.g, box, exactly, self.margin)
+                return part, walk(self.exact, self.table, self.gains, self.g, box, _exactly(part), self.margin)
             except checking.Refused as refusal:
                 if "reach" not in str(refusal):
                     raise
@@ -345,7 +326,6 @@ class _Scenario:
             done, pieces = 0, []
             h = min(h, 1e-3)
             while done < UNITS:
-                _in_time(self.deadline)
                 weight = min(max(int(h / length * UNITS), 1), UNITS - done)
                 real = weight / UNITS * length
                 x = loops.series(z, real * grows, first + gain * (done / UNITS), gain * (weight / UNITS))

@@ -9,7 +9,9 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
+from design import checking
 from design.analysis.rows import Row, Verdict
+from design.checking import world
 from design.errors import BadInput
 from design.model.laws import Gains, LawKind
 from design.present import opening, store, terminal, text
@@ -57,8 +59,8 @@ def render(
     its = problem.given_gains()
     store.check_writable(output, certificate)
     names = [each.name for each in problem.scenarios] if scenario is None else [problem.scenario(scenario).name]
-    if certificate and not _has_certificate(problem):
-        message = f"{UNCHECKED}; prove without --certificate"
+    if certificate and (why := _no_certificate(source, problem)):
+        message = f"{why}; prove without --certificate"
         raise BadInput(message, key="--certificate")
     deadline, jobs = time.monotonic() + seconds, 1 + largest
     with terminal.progress() as say:
@@ -87,8 +89,15 @@ def _sizes(
         raise BadInput(str(error), key="--largest") from None
 
 
-def _has_certificate(problem: Setting) -> bool:
-    return problem.law != "cop" and not math.isfinite(problem.adapt)
+def _no_certificate(source: Source, problem: Setting) -> str:
+    """Why no certificate of this can be written; empty where one can."""
+    if problem.law == "cop" or math.isfinite(problem.adapt):
+        return UNCHECKED
+    try:
+        world.read(source.text)
+    except (checking.Refused, checking.Malformed, ValueError, ArithmeticError) as error:
+        return f"certificates are not for {error}"
+    return ""
 
 
 def proved_in(
@@ -107,15 +116,15 @@ def proved_in(
     confirms. ``seconds`` is for all of them.
     """
     deadline = time.monotonic() + seconds
+    unchecked = _no_certificate(source, problem)
     proofs: list[Proof] = []
     entries: list[dict[str, Any]] = []
     for k, name in enumerate(names):
         left = max(deadline - time.monotonic(), 0.0) / (len(names) - k)
-        part = PROVING if _has_certificate(problem) else 1.0
+        part = 1.0 if unchecked else PROVING
         proof = prove(problem, gains, name, seconds=part * left, scale=scale, say=say)
-        if not _has_certificate(problem):
-            proof.unchecked = UNCHECKED
-        elif proof.answer == "proved":
+        proof.unchecked = unchecked
+        if not unchecked and proof.answer == "proved":
             entries += _checked(source, problem, gains, proof, scale, left - proof.seconds, say)
         proofs.append(proof)
     return proofs, entries
@@ -253,7 +262,8 @@ def as_text(
         lines += textwrap.wrap(f"{proof.scenario}: {_said(proof)}", 78, subsequent_indent="  ")
     for size in sizes:
         said = (
-            f"{size.scenario}: {text.bound(size.proved, 3)} times the box of [uncertainty] is proved; "
+            f"{size.scenario}: {text.bound(size.proved, 3)} times the box of [uncertainty] is bounded by the prover"
+            " alone (--scale has the independent checker confirm it); "
             + (f"even {size.unbroken:g}" if size.beyond else f"{size.unbroken:.3g}")
             + f" times it is not broken by sampling its corners and inside: {100 * size.ratio:.0f} % of that is proved"
         )

@@ -173,7 +173,7 @@ NO_CERTIFICATES = {
     "a scenario twice": lambda one: changed(one, ("scenarios",), lambda each: [*each, *each]),
     **{
         f"{path[-1]} as {value[:12]}": lambda one, path=path, value=value: changed(one, path, lambda _: value)
-        for path in (("scale",), ("law", "kp"), (*PART, "rate"), (*PART, "norm", 0, 0), (*CLAIMS, "toe-force"))
+        for path in (("scale",), ("law", "kp"), (*PART, "rates", 0), (*PART, "frame", 0, 0), (*CLAIMS, "toe-force"))
         for value in ("1e30000000", "1e-99999999", "1/3", "9" * 5000)
     },
     "a scale of four hundred digits": lambda one: changed(one, ("scale",), lambda _: 10**399),

@@ -262,19 +262,26 @@ def prove(
 def check(
     certificate: Annotated[str, typer.Argument(metavar="CERTIFICATE", help="A file of `poise prove --certificate`.")],
     spec: Annotated[str | None, typer.Argument(metavar="SPEC", help="The spec that it must be for.")] = None,
+    partial: Annotated[bool, typer.Option("--partial", help="Accept one that covers less than the spec asks.")] = False,
     format: Form = "text",
 ) -> None:
     """Check a certificate, by a small program in whole numbers that shares no code with the prover.
 
-    CONFIRMED or REFUSED: exit code 0 or 1.
+    CONFIRMED if it covers the spec's own gains, every scenario and the whole box, REFUSED if a claim is not shown,
+    INCOMPLETE if all claims are shown but the spec asks more: exit code 0, 1 or 3.
     """
     from design.checking import words
     from design.present import terminal
-    from design.spec.load import load
+    from design.spec.load import load, parse
+    from design.spec.setting import setting
 
-    written, confirmed = words.render(certificate, load(spec).sha256 if spec else None, format)
+    def valid(text: str) -> None:
+        setting(parse(text.removeprefix("\ufeff"), origin=certificate).spec)
+
+    digest = load(spec).sha256 if spec else None
+    written, confirmed = words.render(certificate, digest, format, partial=partial, valid=valid)
     terminal.out(written)
-    raise typer.Exit(MET if confirmed else VIOLATED)
+    raise typer.Exit(UNDECIDED if confirmed is None else MET if confirmed else VIOLATED)
 
 
 @app.command()

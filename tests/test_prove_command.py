@@ -100,6 +100,12 @@ def test_a_certificate_is_confirmed_for_its_spec_and_refused_for_another_or_when
     other = _poise("check", file, "slope")
     assert other.returncode == 1
     assert "REFUSED" in other.stdout
+    assert _poise("prove", "slope-step", "--gains", "3500,1000,1", "--certificate", file).returncode == 0
+    less = _poise("check", file, "slope-step")
+    assert less.returncode == 3
+    assert "CONFIRMED" not in less.stdout
+    assert "missing: the law and gains of the spec" in less.stdout
+    assert _poise("check", file, "slope-step", "--partial").returncode == 0
     document = json.loads(file.read_text(encoding="utf-8"))
     document["law"]["kp"] *= 0.9
     file.write_text(json.dumps(document), encoding="utf-8")
@@ -122,3 +128,20 @@ def test_bad_input_is_one_line(arguments, said):
     assert ran.returncode == 2
     assert said in ran.stderr
     assert "Traceback" not in ran.stderr
+
+
+@pytest.mark.parametrize("command", ["simulate", "prove", "report"])
+def test_a_ramp_that_may_take_no_time_or_less_is_refused(command):
+    for width in (5.0, 7.0):
+        ran = _poise(command, "-", text=_spec(more=f"\n[uncertainty]\nramp_s = {width}\n"))
+        assert ran.returncode == 2
+        assert "uncertainty.ramp_s: lets the ramp of scenario 'ramp' last from" in ran.stderr
+
+
+@pytest.mark.parametrize("command", ["simulate", "report", "prove"])
+def test_a_step_that_is_too_coarse_for_the_fastest_pole_is_said_and_is_no_fall(command):
+    stiff = _spec("slope").replace("kp = 3500.0", "kp = 1e6").replace("kd = 1200.0", "kd = 1e5")
+    ran = _poise(command, "-", text=stiff)
+    assert "fall" not in ran.stdout.lower()
+    if command != "prove":
+        assert "too coarse for a pole at" in " ".join(ran.stdout.split())

@@ -157,7 +157,11 @@ def _disturbance(scenario: Scenario) -> tuple[str, float, str]:
     peak = float(np.hypot(*signal).max() if len(signal) == 2 else np.abs(signal).max())
     if scenario.kind == "slope":
         ramp = scenario.steady_from
-        return (f"a slope (within {ramp:g} s)" if ramp else "a sudden slope"), math.degrees(peak), "deg"
+        return (
+            (f"a slope (within {ramp:g} s)" if ramp else "a sudden slope"),
+            math.degrees(abs(scenario.angle) * peak),
+            "deg",
+        )
     if scenario.kind == "platform":
         return "an acceleration of the floor", peak, "m/s²"
     if not signal[:, -1].any() and not signal[1].any():

@@ -96,7 +96,7 @@ def falls(biped: Biped, scenario: Scenario, side: int, variants: list[Variant]) 
     ends[:, :, 0] *= side
     system = _System(biped, side, variants)
     # between its ends a slope's force is off the chord by at most its size times angle²/8
-    bend = np.array([v.signal for v in variants])[:, None] * (signals[1] - signals[0])[0]
+    bend = scenario.angle * np.array([v.signal for v in variants])[:, None] * (signals[1] - signals[0])[0]
     bend = system.reach[:, None] * bend**2 / 8 if scenario.kind == "slope" else 0.0 * bend
     start = np.array([v.start for v in variants])
     steady = scenario.steady_from

@@ -11,8 +11,9 @@ dynamic
     The filter of ``design.analysis.observer``, with the torque of (11), which works while the body moves; for a foot
     that is not the paper's with the moment that toe and heel force have about the point under the ankle.
 
-Each comes with what is known of its error, to first order: the ``spread`` that the sensors' noise makes, a standard
-deviation, and the ``bias`` that a body within its tolerances can make, a bound. A force that changes is read late.
+Each comes with what is known of its error: the ``spread`` that the sensors' noise makes, a standard deviation to first
+order, and the ``bias`` that a body within its tolerances can make, a bound at each time of what the estimate then
+differs by from the one with that body. A force that changes is read late; that is in neither.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,7 +31,7 @@ from design.analysis.observer import Observer, Seen, lag, observer
 from design.model.body import Biped
 from design.model.laws import Measurement
 from design.model.sensing import Sensors
-from design.model.uncertainty import Spread, Tolerances
+from design.model.uncertainty import Tolerances
 
 Array = NDArray[np.float64]
 
@@ -328,20 +330,19 @@ def _linear(watch: Observer, signals: Signals, k: int, F: Array) -> tuple[Array,
 
 
 def _bias(biped: Biped, tolerances: Tolerances, again: Callable[[Biped], Array], F: Array) -> Array:
-    """Bound (2, n) of the error that a body within ``tolerances`` makes, to first order: all parts at their worst."""
-    found = np.where(np.isfinite(F), 0.0, np.nan)
-    for name in BODY:
-        tolerance: Spread = getattr(tolerances, name)
-        value = getattr(biped, name)
-        width = tolerance.around(value, 1.0) - value
-        if width <= 0:
-            continue
-        step = 1e-4 * value
-        slope = (again(replace(biped, **{name: value + step})) - again(replace(biped, **{name: value - step}))) / (
-            2 * step
-        )
-        found += np.abs(slope) * width
-    return found
+    """Bound (2, n) of the error that a body within ``tolerances`` makes at each time; ``again`` estimates with another.
+
+    It is the largest difference to the corners of the box: the estimates go with each of the body's numbers in one
+    direction, and all but in proportion to it, so that a corner is worst.
+    """
+    values = {name: getattr(biped, name) for name in BODY}
+    widths = {name: getattr(tolerances, name).around(value, 1.0) - value for name, value in values.items()}
+    moving = [name for name in BODY if widths[name] > 0]
+    bound = np.where(np.isfinite(F), 0.0, np.nan)
+    for signs in product((-1, 1), repeat=len(moving)) if moving else ():
+        corner = {name: values[name] + sign * widths[name] for name, sign in zip(moving, signs, strict=True)}
+        bound = np.maximum(bound, np.abs(again(replace(biped, **corner)) - F))
+    return bound
 
 
 def _deviation(deviation: float, step: float) -> float:

@@ -7,6 +7,7 @@ What is found is to be confirmed by ``design.analysis.simulate`` or the second o
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -54,16 +55,18 @@ def extremes(
     adapt: float = math.inf,
     known: Biped | None = None,
     impulse: float = 0.0,
+    deadline: float = math.inf,
 ) -> Extremes:
     """The runs at ``shares`` (N, 7) of the half-widths of ``tolerances``, which ``tolerances.drawn`` explains.
 
     The law has ``theta_d`` [rad], P_d = ``target`` [m], adapts within ``adapt`` [s], and knows the body ``known``, or
     else ``biped``. An ``impulse`` [N s] at the centre of gravity comes before the start.
+    What has not been run by the ``deadline`` (``time.monotonic``) is left out.
     """
     shares = np.asarray(shares, dtype=float)
     law = _Law(kind=kind, gains=gains, body=known or biped, theta_d=theta_d, target=target, adapt=adapt)
     bodies = _bodies(biped, tolerances, shares, field=scenario.field)
-    final = _spread(tolerances.slope, float(scenario.signal[0, -1]), shares[:, 5])
+    final = _spread(tolerances.slope, scenario.angle, shares[:, 5])
     ramp = _spread(tolerances.ramp, float(scenario.times[-1]), shares[:, 6])
     world = _world(scenario, bodies.M, biped.g, final, ramp)
     n = len(shares)
@@ -76,6 +79,8 @@ def extremes(
     steps = scenario.steps(step)
     with np.errstate(all="ignore"):
         for t, h in zip(steps.t[:-1].tolist(), steps.h.tolist(), strict=True):
+            if time.monotonic() > deadline:
+                break
             if h == 0:
                 continue
             F = [world(t, t + 0.5 * h), world(t + 0.5 * h, t + 0.5 * h), world(t + h, t + 0.5 * h)]
@@ -225,11 +230,12 @@ def least_forces(
     target: float = 0.0,
     adapt: float = math.inf,
     known: Biped | None = None,
+    deadline: float = math.inf,
 ) -> tuple[Array, Array]:
     """The smallest toe and heel force (N,) [N] of ``extremes``."""
     found = extremes(
         biped, kind, gains, scenario, tolerances, shares, step=step, theta_d=theta_d, target=target, adapt=adapt,
-        known=known,
+        known=known, deadline=deadline,
     )  # fmt: skip
     return found.toe, found.heel
 
@@ -241,17 +247,13 @@ def _moved(z: State, rate: State, h: float) -> State:
 def _world(scenario: Scenario, M: Array, g: float, final: Array, ramp: Array):  # type: ignore[no-untyped-def]
     """(t, a time within the step) -> F_x and F_y (N,)."""
     nominal = float(scenario.times[-1])
-    whole = float(scenario.signal[0, -1])
     stretched = scenario.kind in ("slope", "force") and nominal > 0
+    pace = nominal / np.maximum(ramp, 1e-9) if stretched else np.ones_like(M)  # a ramp that takes longer is slower
 
     def world(t: float, inside: float) -> tuple[Array, Array]:
-        if stretched:
-            grown = np.clip(t / np.maximum(ramp, 1e-9), 0.0, 1.0)
-            signal = scenario.signal[:, -1:] * grown
-        else:
-            signal = scenario.signal_by(np.array([inside]), np.array([t])) * np.ones_like(M)
+        signal = scenario.signal_by(inside * pace, t * pace)
         if scenario.kind == "slope":
-            alpha = signal[0] / whole * final if whole else final
+            alpha = signal[0] * final
             return M * g * np.sin(alpha), M * g * (1 - np.cos(alpha))
         if scenario.kind == "platform":
             return -M * signal[0], np.zeros_like(M)

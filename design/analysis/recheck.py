@@ -8,6 +8,7 @@ of (23). If this disagrees with a solver, this wins.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,16 +66,19 @@ def second_opinion(
     target: float = 0.0,
     s0: float = 0.0,
     known: Biped | None = None,
+    deadline: float = math.inf,
+    times: Array | None = None,
+    tolerance: float = 1e-10,
 ) -> SecondOpinion:
-    """Run the loop again, to a relative tolerance of 1e-10, and read it at the samples of ``step`` [s].
+    """Run the loop again, to a relative ``tolerance``, and read it at the samples of ``step`` [s] or at ``times`` (j,).
 
     The states are theta, omega, s, and theta_d itself, which follows the estimate within ``adapt`` [s]. ``target``: P_d
     [m]; ``s0``: s at t = 0; ``known``: the body that the law reckons with, where it is another than ``biped``; both
-    then with the paper's foot.
+    then with the paper's foot. After the ``deadline`` (``time.monotonic``) it is not finished.
     """
     believed = known or biped
     solve_ivp = load_integrator()
-    samples = scenario.steps(step)
+    samples = scenario.steps(step) if times is None else scenario.steps_at(times)
     z = np.full((4, len(samples.t)), np.nan)
     state = np.array([scenario.theta0, scenario.omega0, s0, theta_d])
     finished = True
@@ -88,7 +92,7 @@ def second_opinion(
         ) -> list[float]:
             nonlocal budget
             budget -= 1
-            if budget < 0:
+            if budget < 0 or (budget % 64 == 0 and time.monotonic() > deadline):
                 raise _TooManySteps
             F_x, F_y = scenario.to_force(first + (t - start) * growth)[:, 0]
             return _rate(biped, believed, kind, adapt, target, gains, z, float(F_x), float(F_y))
@@ -101,8 +105,8 @@ def second_opinion(
                 (start, end),
                 state,
                 method="DOP853",
-                rtol=1e-10,
-                atol=1e-12,
+                rtol=tolerance,
+                atol=1e-2 * tolerance,
                 t_eval=times,
                 events=_blow_up,
                 max_step=LONGEST,

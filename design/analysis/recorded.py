@@ -33,9 +33,9 @@ DRAWN = 8000
 class Estimates:
     """``F_x``, ``F_y`` (n,) [N] or None, NaN where unknown, and ``how`` each was found, in words.
 
-    ``spread`` (2,) and ``bias`` (2,) [N]: means over time of the standard deviation that noise makes and of the bound
-    that the body's tolerances make; None where no angle was measured, ``bias`` also where no tolerances are given; NaN
-    for a force that is not estimated. ``static_x`` (n,): (17), for comparison.
+    ``spread`` (2,) and ``bias`` (2,) [N]: the mean over time of the standard deviation that noise makes, and the most
+    that a body within its tolerances moves the estimate by at any time; None where no angle was measured, ``bias`` also
+    where no tolerances are given; NaN for a force that is not estimated. ``static_x`` (n,): (17), for comparison.
     """
 
     F_x: Array | None
@@ -98,7 +98,8 @@ def _dynamic(record: Record, setting: Setting, theta: Array, F_T: Array, F_H: Ar
     )
     static_x, _ = static_estimate(record.biped, theta, F_T, F_H, setting.target)
     how = f"dynamic: from angle, contact forces and (11), with {said}"
-    spread, bias = _means(found.spread), _means(found.bias) if _has_tolerances(setting) else None
+    spread = _means(found.spread)
+    bias = _most(found.bias, F) if _has_tolerances(setting) else None
     if record.ankle_assumed:
         nothing = "not estimated: it follows from the ankle torque, and the ankle's place is assumed; needs --ankle"
         return Estimates(
@@ -125,6 +126,12 @@ def _beginning(values: Array, t: Array, settle: float) -> NDArray[np.bool_]:
 
 def _means(parts: Array) -> tuple[float, float]:
     return float(np.nanmean(parts[0])), float(np.nanmean(parts[1]))
+
+
+def _most(parts: Array, F: Array) -> tuple[float, float]:
+    """The largest of ``parts`` (2, n) over the times at which there is an estimate ``F`` (2, n)."""
+    known = np.where(np.isfinite(F) & np.isfinite(parts), parts, 0.0)
+    return float(known[0].max()), float(known[1].max())
 
 
 def noise(values: Array) -> float:

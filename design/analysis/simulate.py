@@ -107,7 +107,7 @@ def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0
         P=P,
         F=steps.force[:, :n],
         F_estimate=np.vstack(static_estimate(loop.biped, theta, F_T, F_H, loop.law.target)),
-        alpha=steps.signal[0, :n] if scenario.kind == "slope" else None,
+        alpha=scenario.angle * steps.signal[0, :n] if scenario.kind == "slope" else None,
         fallen=fallen,
     )
 

@@ -9,6 +9,10 @@ class Refused(Exception):
     """The certificate does not show what it claims; the text says why."""
 
 
+class Malformed(Exception):
+    """What was read is no certificate: a name or a number is not one, or not of a size that has a meaning here."""
+
+
 def need(kept: bool, why: str) -> None:
     """Refuse, and say ``why``, unless it is ``kept``."""
     if not kept:

@@ -1,21 +1,22 @@
 """Contact at every time: the true trajectories stay in a tube around the given ones, and in the tube the foot stands.
 
 x~(t, p) is piecewise polynomial in time, linear in the parameters p of a box, and need not be a solution. Its defect
-is x~' - f(x~, t, p), with f written out in ``_Loop.parts``: (1), (3), (8), (9), (11). In a norm in which the loop
-contracts at a rate (``linear``), D(t) bounds |x - x~|_P where D' = -rate D + |defect|_P; the rate holds while theta is
-within a *reach* of theta~, and D never takes it there. Then toe and heel force, (5)-(7), differ from those of x~ by no
-more than ``_Loop.errors`` says. At the end, where the signal rests, x~(T) itself is a trajectory for ever after.
+is x~' - f(x~, t, p), with f written out in ``_Loop.parts``: (1), (3), (8), (9), (11). In coordinates z = S x in blocks
+(``linear``) D_b(t) bounds |S_b (x - x~)| where D_b' = -rate_b D_b + sum of coupling_bc D_c + |S_b defect|; this holds
+while theta is within a *reach* of theta~, and D never takes it there. Then toe and heel force, (5)-(7), differ from
+those of x~ by no more than ``_Loop.errors`` says. At the end, where the signal rests, x~(T) itself is a trajectory for
+ever after.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from design.checking import need
+from design.checking import Refused, need
 from design.checking.balls import (
     BITS,
     DEGREE,
@@ -29,9 +30,10 @@ from design.checking.balls import (
     sine_and_cosine,
     up,
 )
-from design.checking.linear import Matrix, check_contraction, inverted, positive
-from design.checking.world import Box, segments
+from design.checking.linear import Norm, check_contraction, ends_of, norm_of
+from design.checking.world import Box, number, segments
 
+ATTEMPTS = 200
 STORED = 52
 """Coefficients are stored in units of 2^-52."""
 
@@ -75,10 +77,10 @@ class _Loop:
         gains: Sequence[Fraction],
         g: Fraction,
         box: Box,
-        P: Matrix,
+        norm: Norm,
     ) -> None:
         self.moving = [name for name, (_, half) in box.items() if half]
-        self.kind, self.box, self.gains, self.P = scenario["kind"], box, gains, P
+        self.kind, self.box, self.gains, self.norm = scenario["kind"], box, gains, norm
         number = {name: constant(box[name][0], self.at(name)) for name in ("M", "L", "m", "ell")}
         self.M, self.L, self.m, self.ell = number.values()
         self.per_I, self.per_ell = (inverse(box[name][0], self.at(name)) for name in ("I", "ell"))
@@ -88,14 +90,12 @@ class _Loop:
         self.aim = radians(spec["law"].get("desired_angle_deg", Fraction(0)), [Fraction(0)] * len(self.moving))
         self.K = [self.just(each) for each in gains]
         self.tilt = radians(box["slope"][0], self.at("slope"))
-        inverse_P = inverted(P)
-        self.spread = [root(inverse_P[j][j]) for j in range(len(P))]  # |x_j| <= spread |x|_P
-        felt = [Fraction(-gains[0]), -gains[1], *gains[2:]]
-        squares = (
-            a * b * entry for a, row in zip(felt, inverse_P, strict=True) for b, entry in zip(felt, row, strict=True)
-        )
-        self.felt = root(sum(squares, Fraction(0)))  # |tau| <= felt |x|_P
-        self.sizes = [[above(abs(entry)) for entry in row] for row in P]
+        n = len(gains)
+        first, second = ([Fraction(int(i == j)) for i in range(n)] for j in range(2))
+        self.spread = self.moved(first), self.moved(second)  # |x_j| <= sum of spread_b |z_b|
+        self.felt = self.moved([-gains[0], -gains[1], *gains[2:]])  # |tau| <= sum of felt_b |z_b|
+        self.sizes = [[above(abs(entry)) for entry in row] for row in norm.S]
+        self.weights = [above(weight) for weight in norm.weights]
 
     def at(self, name: str) -> list[Fraction]:
         """How ``name`` goes with each parameter that moves."""
@@ -129,17 +129,53 @@ class _Loop:
         flow = [omega, turning, self.per_ell * tau][: len(x)]
         return Parts(tau, turning, flow, sine, moment, stiffness, load)
 
-    def norm(self, vector: Sequence[int]) -> int:
-        """A bound of |x|_P for |x_j| <= ``vector``."""
-        square = sum(
-            a * size * b for a, row in zip(vector, self.sizes, strict=True) for size, b in zip(row, vector, strict=True)
-        )
-        return math.isqrt(square >> BITS) + 1
+    def moved(self, gradient: Sequence[Fraction]) -> list[int]:
+        """Bounds, by block, of how much what has this ``gradient`` changes with the norm of the block."""
+        along = [sum((a * b for a, b in zip(gradient, column, strict=True)), Fraction(0))
+                 for column in zip(*self.norm.inverse, strict=True)]  # fmt: skip
+        return [
+            root(sum((along[i] ** 2 / self.norm.weights[i] for i in block), Fraction(0))) for block in self.norm.blocks
+        ]
 
-    def errors(self, x: list[Ball], parts: Parts, D: int) -> tuple[int, int]:
+    def norms(self, vector: Sequence[int]) -> list[int]:
+        """Bounds of |S_b x| for |x_j| <= ``vector``."""
+        z = [up(sum(a * b for a, b in zip(row, vector, strict=True))) for row in self.sizes]
+        return [math.isqrt(sum(self.weights[i] * up(z[i] * z[i]) for i in block)) + 1 for block in self.norm.blocks]
+
+    def most(self, D: Sequence[int], added: Sequence[int], h: Fraction) -> list[int]:
+        """U that bounds the blocks from ``D`` on for a time ``h``, in which the defect adds no more than ``added``.
+
+        U > D + added + K U with K = min(h, 1/rate) coupling: K is below 1 in a norm then, and no block ever reaches U.
+        """
+        pairs = zip(self.norm.rates, self.norm.couplings, strict=True)
+        K = [[above(min(h, 1 / rate) * each) for each in row] for rate, row in pairs]
+        start = [d + more + 1 for d, more in zip(D, added, strict=True)]
+        U = start
+        for _ in range(ATTEMPTS):
+            grown = [s + up(sum(map(int.__mul__, row, U))) for s, row in zip(start, K, strict=True)]
+            if all(a < b for a, b in zip(grown, U, strict=True)):
+                return U
+            U = [each + (each >> 10) + 2 for each in grown]
+        message = "the norm's blocks drive each other without end"
+        raise Refused(message)
+
+    def within(
+        self, D: Sequence[int], added: Sequence[int], shortest: Fraction, longest: Fraction
+    ) -> tuple[list[int], list[int]]:
+        """Bounds of the blocks over all of a piece, and at its end, from ``D`` on, where the defect ``added`` that."""
+        U, over, last = self.most(D, added, longest), [], []
+        for b, rate in enumerate(self.norm.rates):
+            driven = sum((each * u for each, u in zip(self.norm.couplings[b], U, strict=True)), Fraction(0))
+            settled = math.ceil((driven + added[b] / shortest) / rate) + 1
+            over.append(min(U[b], max(D[b], settled)))
+            fallen = rate * shortest  # e^y >= 1 + y + y²/2
+            end = D[b] / (1 + fallen + fallen**2 / 2) + min(longest, 1 / rate) * driven + added[b]
+            last.append(min(over[b], math.ceil(end) + 1))
+        return over, last
+
+    def errors(self, x: list[Ball], parts: Parts, D: Sequence[int]) -> tuple[int, int]:
         """How far tau and F_T + F_H may be from those of x~, at states within ``D`` of it."""
-        r0, r1 = (up(each * D) for each in self.spread[:2])
-        tau = up(self.felt * D)
+        r0, r1, tau = (up(sum(map(int.__mul__, each, D))) for each in (*self.spread, self.felt))
         AL = parts.moment.size() + parts.stiffness.size()
         turning = up(self.per_I.size() * (up(AL * r0) + tau))
         S, W = min(ONE, parts.sine.size() + r0), x[1].size()
@@ -147,7 +183,7 @@ class _Loop:
         turned = up(r1 * (2 * W + r1)) + up(up(W * W) * r0)  # omega² cos theta
         return tau, up(self.ML.size() * (moved + turned))
 
-    def read(self, x: list[Ball], parts: Parts, D: int, margin: Fraction, reach: int, found: Found) -> None:
+    def read(self, x: list[Ball], parts: Parts, D: Sequence[int], margin: Fraction, reach: int, found: Found) -> None:
         """Note what holds within ``D`` of ``x``."""
         tau, load = self.errors(x, parts, D)
         lever = self.per_ell * parts.tau
@@ -161,33 +197,36 @@ class _Loop:
         found.torque.append(max(-parts.tau.low(), -(-parts.tau).low()) + tau)
         widen = up((parts.moment.size() + up((parts.moment.size() + parts.stiffness.size()) * reach)) * reach)
         found.G += [parts.stiffness.low() - widen, -(-parts.stiffness).low() + widen]
-        found.reach = max(found.reach, up(self.spread[0] * D))
+        found.reach = max(found.reach, up(sum(map(int.__mul__, self.spread[0], D))))
         found.pieces += 1
 
 
 def walk(
     spec: dict[str, Any], scenario: dict[str, Any], gains: Sequence[Fraction], g: Fraction, box: Box,
-    part: dict[str, Any], margin: Fraction,
+    part: dict[str, Any], margin: Fraction, look: Callable[[], None] = lambda: None,
 ) -> Found:  # fmt: skip
-    """What the ``part`` of a certificate shows of a box; ``margin`` is the claimed one of the CoP [m]."""
-    lower, rate = [[Fraction(entry) for entry in row] for row in part["norm"]], Fraction(part["rate"])
-    P = [[lower[max(a, b)][min(a, b)] for b in range(len(gains))] for a in range(len(gains))]
-    need(positive(P), "the norm's matrix is not positive definite")
-    loop = _Loop(spec, scenario, gains, g, box, P)
-    reach = above(Fraction(part["reach"]))
+    """What the ``part`` of a certificate shows of a box; ``margin`` is the claimed one of the CoP [m].
+
+    ``look`` is called at every piece, and may end the walk by an exception of its own.
+    """
+    norm = norm_of(part, len(gains))
+    need(min(norm.rates) > 0, "the rate of contraction is not above 0")
+    loop = _Loop(spec, scenario, gains, g, box, norm)
+    reach = above(number(part["reach"]))
     found = Found(toe=[], heel=[], cop=[], torque=[], G=[])
     wanted, rests = segments(scenario, box)
-    after = Fraction(part["after_s"])
+    after = number(part["after_s"])
     need(len(wanted) == len(part["segments"]) and all(part["segments"]), "the trajectory lacks a part of the signal")
     need(after == 0 or (after > 0 and rests is not None), "it goes on after an end at which the signal does not rest")
     none = [Fraction(0)] * len(loop.moving)
     start = [radians(scenario.get(key, Fraction(0)), none) for key in ("initial_angle_deg", "initial_rate_deg_per_s")]
     last = [*start, loop.just(Fraction(0))][: len(gains)]
-    D = 0
-    for number, (segment, pieces) in enumerate(zip(wanted, part["segments"], strict=True)):
-        length = segment.length + (after if number + 1 == len(wanted) else 0)
+    D = [0] * len(norm.blocks)
+    for index, (segment, pieces) in enumerate(zip(wanted, part["segments"], strict=True)):
+        length = segment.length + (after if index + 1 == len(wanted) else 0)
         total, done = sum(piece[0] for piece in pieces), 0
         for weight, *states in pieces:
+            look()
             whole = type(weight) is int and weight > 0 and len(states) == len(gains)
             need(whole, "a piece of the trajectory has no length or lacks states")
             x = [_stored(rows, len(loop.moving)) for rows in states]
@@ -198,25 +237,22 @@ def walk(
             ends = [(a + begin * (b - a), a + end * (b - a)) for a, b in zip(segment.first, segment.last, strict=True)]
             parts = loop.parts(x, [_line(a, b, loop) for a, b in ends])
             defect = [(each.slope() - half * f).size() for each, f in zip(x, parts.flow, strict=True)]
-            D += loop.norm([_gap(a, b) for a, b in zip(last, x, strict=True)])
-            added = 2 * loop.norm(defect)
-            loop.read(x, parts, D + added, margin, reach, found)
-            fallen = rate * h * (1 - stretch)  # e^y >= 1 + y + y²/2
-            D = above(Fraction(D, ONE) / (1 + fallen + fallen**2 / 2)) + added
+            jumps = loop.norms([_gap(a, b) for a, b in zip(last, x, strict=True)])
+            added = [2 * each for each in loop.norms(defect)]
+            begun = list(map(int.__add__, D, jumps))
+            over, D = loop.within(begun, added, h * (1 - stretch), h * (1 + stretch))
+            loop.read(x, parts, over, margin, reach, found)
             last = [Ball([[value] for value in each.ends(1)]) for each in x]
     if rests is not None:
         parts = loop.parts(last, [loop.just(value) for value in rests])
-        D = max(D, above(Fraction(loop.norm([f.size() for f in parts.flow]), ONE) / rate))
-        loop.read(last, parts, D, margin, reach, found)
+        moved = loop.norms([f.size() for f in parts.flow])
+        drift = [math.ceil(each / rate) for each, rate in zip(moved, norm.rates, strict=True)]
+        loop.read(last, parts, loop.most(D, drift, 1 / min(norm.rates)), margin, reach, found)
         found.for_ever = True
     need(found.reach < reach, f"the tube is wider than its reach: {found.reach / ONE:.3g} rad")
     G = Fraction(min(found.G), ONE), Fraction(max(found.G), ONE)
-    check_contraction(P, rate, gains, (G, _ends(box["I"]), _ends(box["ell"])))
+    check_contraction(norm, gains, (G, ends_of(box["I"]), ends_of(box["ell"])))
     return found
-
-
-def _ends(part: tuple[Fraction, Fraction]) -> tuple[Fraction, Fraction]:
-    return part[0] - part[1], part[0] + part[1]
 
 
 def _stored(rows: list[list[int]], k: int) -> Ball:

@@ -1,5 +1,8 @@
 """A certificate as a whole: it is for this spec, covers the whole box, and claims no less than the spec demands.
 
+What a spec asks is every one of its scenarios, under its own gains, over at least its own box: a certificate may be
+for less, which ``Answer.missing`` says.
+
 A certificate is JSON: ``spec`` (text, sha256), ``law`` (kind and gains, as printed), ``scale`` of the box, and for each
 of its ``scenarios`` the ``claims`` by row and a ``tree``. A tree is a ``part`` or is ``cut`` in the middle of the
 parameter it names, into two ``halves``; so the parts cover the box, whatever they hold. A part has a ``norm`` (lower
@@ -11,32 +14,40 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from design.checking import Refused, need
+from design.checking import Malformed, Refused, need
 from design.checking.balls import ONE, decimal, root
-from design.checking.linear import Ends, check_decay
+from design.checking.linear import Ends, check_decay, ends_of
 from design.checking.tube import walk
-from design.checking.world import Box, Segment, demands, gravity, read, segments, whole_box
+from design.checking.world import Box, Segment, demands, gravity, number, read, segments, whole_box
 from design.errors import BadInput
 
 FORMAT = "poise-certificate 1"
 GAINS = ("kp", "kd", "kf")
 KINDS = ("slope", "force", "platform", "profile")
 ROWS = {"toe-force", "heel-force", "cop-margin", "decay-rate", "torque"}
-LARGEST = 400_000_000
+Valid = Callable[[str], object] | None
+LARGEST = 100_000_000  # bytes of a certificate
+DEEPEST = 64  # cuts of a box, one within the other
 
 
 @dataclass(kw_only=True)
 class Answer:
-    """``confirmed``, or ``why`` not; by scenario the ``claims`` and the ``box``, ``scale`` of [uncertainty]."""
+    """``confirmed``: all that it claims is shown; or ``why`` not.
+
+    ``missing``: what the spec asks beyond that. ``malformed``: it is no certificate, and is not looked at any further.
+    By scenario the ``claims`` and the ``box``, ``scale`` of [uncertainty].
+    """
 
     confirmed: bool = False
+    malformed: bool = False
     why: str = ""
+    missing: list[str] = field(default_factory=list)
     name: str = ""
     sha256: str = ""
     law: str = ""
@@ -49,13 +60,15 @@ class Answer:
     pieces: int = 0
 
 
-def check(content: bytes, *, origin: str = "certificate", sha256: str | None = None) -> Answer:
+def check(content: bytes, *, origin: str = "certificate", sha256: str | None = None, valid: Valid = None) -> Answer:
     """The answer for the ``content`` of a certificate, which must be for the spec with that ``sha256`` if it is given.
 
-    Raises ``BadInput`` if it is no certificate.
+    ``valid`` raises ``BadInput`` for the text of a spec that is none. Raises ``BadInput`` if it is no certificate.
     """
     try:
-        document = json.loads(content.decode(), parse_float=decimal, parse_constant=decimal)
+        document = json.loads(
+            content.decode(), parse_float=decimal, parse_int=lambda text: int(decimal(text)), parse_constant=decimal
+        )
     except (ValueError, ArithmeticError, RecursionError):
         document = None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
@@ -65,33 +78,41 @@ def check(content: bytes, *, origin: str = "certificate", sha256: str | None = N
         raise BadInput(message, file=origin)
     answer = Answer()
     try:
-        _check(document, answer, sha256)
+        _check(document, answer, sha256, valid)
     except Refused as refusal:
         answer.why = str(refusal)
+    except Malformed as error:
+        answer.malformed, answer.why = True, str(error)
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
-        answer.why = f"it is damaged ({type(error).__name__}: {' '.join(str(error).split())[:80]})"
+        answer.why = f"it is damaged ({type(error).__name__}: {repr(str(error)[:80])[1:-1]})"
     else:
         answer.confirmed = True
     return answer
 
 
-def _check(document: dict[str, Any], answer: Answer, given: str | None) -> None:
+def _check(document: dict[str, Any], answer: Answer, given: str | None, valid: Valid) -> None:
     text, digest = document["spec"]["text"], document["spec"]["sha256"]
     answer.sha256 = hashlib.sha256(text.encode()).hexdigest()
     need(answer.sha256 == digest, "the spec's text does not have the sha256 that is given")
     need(given in (None, digest), "it is for another spec than the one given")
     spec = read(text)
+    if valid is not None:
+        valid(text)
     answer.name = spec["name"]
     kind, gains = law(document["law"])
     answer.law = f"{kind}, " + ", ".join(f"{key} = {float(document['law'][key])!r}" for key in GAINS)
     if kind != spec["law"]["kind"] or any(spec["law"].get(key) != its for key, its in zip(GAINS, gains, strict=False)):
+        answer.missing.append(f"the law and gains of the spec; it is for {answer.law}")
         answer.law += " (not the spec's)"
     need("adapt_s" not in spec["law"] or kind == "pd", "the spec's law adapts, which a certificate does not cover")
-    scale = answer.scale = Fraction(document["scale"])
+    scale = answer.scale = number(document["scale"])
     tables = {table["name"]: table for table in spec["scenarios"]}
     for entry in document["scenarios"]:
         scenario = tables[entry["name"]]
-        claims = {row: Fraction(value) for row, value in entry["claims"].items()}
+        if entry["name"] in answer.claims:
+            message = f"it has two entries for the scenario {entry['name']!r}"
+            raise Malformed(message)
+        claims = {row: number(value) for row, value in entry["claims"].items()}
         need(set(claims) <= ROWS, f"{entry['name']}: claims what is not checked here")
         need(scenario["kind"] in KINDS, f"{entry['name']}: is of a kind that is not known here")
         box = whole_box(spec, scenario, scale)
@@ -99,18 +120,23 @@ def _check(document: dict[str, Any], answer: Answer, given: str | None) -> None:
             enough = claims[row] <= level if row == "torque" else claims[row] >= level
             need(enough, f"{entry['name']}: {row}: claims {float(claims[row]):g}; the spec needs {float(level):g}")
         try:
-            _tree(entry["tree"], spec, scenario, gains, box, claims, answer)
+            _tree(entry["tree"], spec, scenario, gains, box, claims, answer, DEEPEST)
         except Refused as refusal:
             message = f"{entry['name']}: {refusal}"
             raise Refused(message) from None
         answer.claims[entry["name"]], answer.box[entry["name"]] = claims, box
-    answer.left_out = [name for name in tables if name not in answer.claims]
     need(bool(answer.claims), "it claims nothing")
+    answer.left_out = [name for name in tables if name not in answer.claims]
+    if answer.left_out:
+        answer.missing.append(f"scenario {', '.join(answer.left_out)}")
+    boxes = [whole_box(spec, tables[name], Fraction(1)) for name in answer.claims]
+    if scale < 1 and any(half for box in boxes for _, half in box.values()):
+        answer.missing.append(f"the whole box of [uncertainty]; it is for {float(scale):g} times that")
 
 
 def law(table: dict[str, Any]) -> tuple[str, list[Fraction]]:
     """The law's kind, and its gains: two for pd, three for (8)."""
-    kind, gains = table["kind"], [Fraction(table[key]) for key in GAINS]
+    kind, gains = table["kind"], [number(table[key]) for key in GAINS]
     covered = kind == "force" or (kind == "pd" and not gains[2])
     need(covered and min(gains) >= 0, "the law is not one that a certificate covers")
     return kind, gains if kind == "force" else gains[:2]
@@ -124,11 +150,12 @@ def halves(box: Box, name: str) -> list[Box]:
 
 def _tree(
     tree: dict[str, Any], spec: dict[str, Any], scenario: dict[str, Any], gains: Sequence[Fraction], box: Box,
-    claims: dict[str, Fraction], answer: Answer,
+    claims: dict[str, Fraction], answer: Answer, depth: int,
 ) -> None:  # fmt: skip
     if "cut" in tree:
+        need(depth > 0, f"its box is cut more than {DEEPEST} times, one cut within the other")
         for half, part in zip(tree["halves"], halves(box, tree["cut"]), strict=True):
-            _tree(half, spec, scenario, gains, part, claims, answer)
+            _tree(half, spec, scenario, gains, part, claims, answer, depth - 1)
         return
     g = gravity(spec)
     found = walk(spec, scenario, gains, g, box, tree["part"], claims["cop-margin"])
@@ -139,19 +166,20 @@ def _tree(
     if "torque" in claims:
         most = max(found.torque)
         need(most <= claims["torque"] * ONE, f"torque: is shown to be at most {most / ONE:.6g} only")
-    AL = tuple(a * b for a, b in zip(_sizes(scenario, box, g), _ends(box["L"]), strict=True))
-    check_decay(claims["decay-rate"], gains, ((AL[0], AL[1]), _ends(box["I"]), _ends(box["ell"])))
+    check_decay(claims["decay-rate"], gains, linear_ranges(scenario, box, g))
     answer.for_ever[scenario["name"]] = found.for_ever
     answer.parts, answer.pieces = answer.parts + 1, answer.pieces + found.pieces
 
 
-def _ends(part: tuple[Fraction, Fraction]) -> Ends:
-    return part[0] - part[1], part[0] + part[1]
+def linear_ranges(scenario: dict[str, Any], box: Box, g: Fraction) -> tuple[Ends, Ends, Ends]:
+    """What the linear loop depends on, over the box and all of the scenario: A L [N m], I and ell."""
+    low, high = (a * b for a, b in zip(_sizes(scenario, box, g), ends_of(box["L"]), strict=True))
+    return (low, high), ends_of(box["I"]), ends_of(box["ell"])
 
 
 def _sizes(scenario: dict[str, Any], box: Box, g: Fraction) -> Ends:
     """Below the least and above the largest A (3) of the scenario, over the box."""
-    low, high = (mass * g for mass in _ends(box["M"]))
+    low, high = (mass * g for mass in ends_of(box["M"]))
     if scenario["kind"] == "slope":
         return low, high
     least, largest = [], []
@@ -168,7 +196,7 @@ def _sizes(scenario: dict[str, Any], box: Box, g: Fraction) -> Ends:
 def _forces(segment: Segment, kind: str, box: Box) -> tuple[list[Fraction], list[Fraction]]:
     ends = segment.first, segment.last
     if kind == "platform":
-        return [-mass * end[0] for mass in _ends(box["M"]) for end in ends], [Fraction(0)] * 2
+        return [-mass * end[0] for mass in ends_of(box["M"]) for end in ends], [Fraction(0)] * 2
     return [end[0] for end in ends], [end[1] for end in ends]
 
 

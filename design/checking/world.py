@@ -7,6 +7,7 @@ what a spec may hold beyond what is needed here is the loader's to judge.
 
 from __future__ import annotations
 
+import re
 import tomllib
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -14,10 +15,12 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
-from design.checking import need
+from design.checking import Malformed, need
 from design.checking.balls import decimal
 
 Box = dict[str, tuple[Fraction, Fraction]]
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_. -]{0,63}")
+LARGEST = 10**40  # numbers beyond this are none of a body or its world
 Corner = tuple[Fraction, tuple[Fraction, ...]]
 NAMES = {"M": "mass_kg", "L": "com_height_m", "I": "inertia_kgm2", "m": "foot_mass_kg", "ell": "half_length_m",
          "slope": "slope_deg", "ramp": "ramp_s"}  # fmt: skip
@@ -38,6 +41,14 @@ class Segment:
 def read(text: str) -> dict[str, Any]:
     """The tables of the spec, every number a fraction."""
     tables: dict[str, Any] = _exact(tomllib.loads(text.removeprefix("\ufeff"), parse_float=decimal))
+    names = [table["name"] for table in tables["scenarios"]]
+    for k, name in enumerate([*names, tables["name"]]):
+        if not isinstance(name, str) or not NAME.fullmatch(name):
+            message = f"{str(name)[:64]!r} is no name; needs 1 to 64 letters, digits, spaces, or any of _ . -"
+            raise Malformed(message)
+        if k < len(names) and name in names[:k]:
+            message = f"its spec has two scenarios that are called {name!r}; rename one"
+            raise Malformed(message)
     foot, law = tables["foot"], tables["law"]
     need(foot.get("ankle_height_m", 0) == 0 == law.get("cop_target_m", 0), "an ankle or a target that is not at 0")
     need(foot.get("ground_loads", False) in (False, True), "a foot.ground_loads that is neither true nor false")
@@ -50,7 +61,15 @@ def _exact(value: Any) -> Any:
         return {key: _exact(part) for key, part in value.items()}
     if isinstance(value, list):
         return [_exact(part) for part in value]
-    return Fraction(value) if isinstance(value, int) and not isinstance(value, bool) else value
+    return number(value) if isinstance(value, int | Fraction) and not isinstance(value, bool) else value
+
+
+def number(value: Any) -> Fraction:
+    """A number that was read as such, and is of a size that has a meaning; raises ``Malformed``."""
+    if isinstance(value, bool) or not isinstance(value, int | Fraction) or not -LARGEST <= value <= LARGEST:
+        message = f"{str(value)[:40]!r} is no number up to 1e40, written without quotes"
+        raise Malformed(message)
+    return Fraction(value)
 
 
 def gravity(spec: dict[str, Any]) -> Fraction:
@@ -118,13 +137,8 @@ def segments(scenario: dict[str, Any], box: Box) -> tuple[list[Segment], tuple[F
 def _corners(scenario: dict[str, Any], ramp: Fraction) -> list[Corner]:
     kind = scenario["kind"]
     if kind in ("slope", "force"):
-        flat = kind == "slope" and scenario["angle_deg"] == 0  # a slope that is uncertain around none is there at once
         final = (Fraction(1),) if kind == "slope" else (scenario["fx_n"], scenario.get("fy_n", Fraction(0)))
-        return (
-            [(Fraction(0), final)]
-            if ramp == 0 or flat
-            else [(Fraction(0), (0 * final[0],) * len(final)), (ramp, final)]
-        )
+        return [(Fraction(0), final)] if ramp == 0 else [(Fraction(0), (0 * final[0],) * len(final)), (ramp, final)]
     rows = scenario["acceleration_mps2" if kind == "platform" else "points"]
     points = [(row[0], tuple(row[1:])) for row in rows]
     return [(Fraction(0), points[0][1]), *points]

@@ -1,8 +1,10 @@
 """What the biped stands through: an external force over time whose corners are known.
 
-Every scenario is a piecewise linear *signal* (the slope angle, a force, or a floor's acceleration) and a map from
-the signal to the force (F_x, F_y) on the centre of gravity. Integration takes its steps from ``steps``: none
-crosses a breakpoint, and each step sees one piece only, so that a jump is not smeared over a step.
+Every scenario is a piecewise linear *signal* (the share of a slope's final angle, a force, or a floor's acceleration)
+and a map from the signal to the force (F_x, F_y) on the centre of gravity. The share is kept apart from the angle, so
+that a slope whose final angle is 0, or crosses 0 within its uncertainty, has the same ramp as any other. Integration
+takes its steps from ``steps``: none crosses a breakpoint, and each step sees one piece only, so that a jump is not
+smeared over a step.
 """
 
 from __future__ import annotations
@@ -44,7 +46,8 @@ class Scenario:
     """A force over time and the state at its beginning.
 
     ``times`` (n,) [s] begin at 0 and do not fall; equal neighbours are a jump. ``signal`` (k, n); ``to_force`` maps
-    (k, j) to (2, j) [N]. ``theta0`` [rad], ``omega0`` [rad/s]. The last value is held until ``duration`` [s].
+    (k, j) to (2, j) [N]. ``theta0`` [rad], ``omega0`` [rad/s]. The last value is held until ``duration`` [s]; points
+    after it do not count. ``angle`` [rad]: of kind slope, the final angle, of which ``signal`` is the share.
     """
 
     name: str
@@ -55,6 +58,7 @@ class Scenario:
     to_force: Callable[[Array], Array]
     theta0: float = 0.0
     omega0: float = 0.0
+    angle: float = 1.0
 
     @property
     def field(self) -> bool:
@@ -69,6 +73,16 @@ class Scenario:
     @property
     def steady_from(self) -> float:
         """When the signal has come to the value that it keeps to the end [s]; the duration if it never does."""
+        if self.kind == "slope" and self.angle == 0.0:
+            return 0.0
+        return self._signal_rests_from()
+
+    @property
+    def rests(self) -> bool:
+        """Whether the signal rests when the scenario ends, and keeps its value for ever after."""
+        return self._signal_rests_from() < self.duration or not np.ptp(self.signal, axis=1).any()
+
+    def _signal_rests_from(self) -> float:
         last = self.signal_by(np.array([self.duration]), np.array([self.duration]))
         moved = np.flatnonzero(np.any(self.signal != last, axis=0))
         if not len(moved):
@@ -176,23 +190,22 @@ def varied(
 
     On slopes and floors the force follows the body's mass. Only a slope and a force that grow have a ramp.
     """
-    times, signal, to_force = scenario.times, scenario.signal, scenario.to_force
+    times, angle, to_force = scenario.times, scenario.angle, scenario.to_force
     if scenario.kind == "slope":
-        to_force = slope_force(biped)
-        final = float(signal[0, -1])
-        signal = np.full_like(signal, slope(final)) if final == 0 else signal / final * slope(final)
+        angle = slope(angle)
+        to_force = slope_force(biped, angle)
     if scenario.kind == "platform":
         to_force = _floor_force(biped)
     if scenario.kind in ("slope", "force") and times[-1] > 0:
         times = times * (max(ramp(float(times[-1])), 1e-9) / times[-1])
-    return replace(scenario, times=times, signal=signal, to_force=to_force)
+    return replace(scenario, times=times, angle=angle, to_force=to_force)
 
 
-def slope_force(biped: Biped) -> Callable[[Array], Array]:
-    """(21): the force in the frame of ground that is inclined by alpha [rad]."""
+def slope_force(biped: Biped, angle: float = 1.0) -> Callable[[Array], Array]:
+    """(21): the force in the frame of ground that is inclined by alpha [rad], the signal's share of ``angle`` [rad]."""
 
     def to_force(signal: Array) -> Array:
-        alpha = signal[0]
+        alpha = angle * signal[0]
         return biped.M * biped.g * np.vstack([np.sin(alpha), 1.0 - np.cos(alpha)])
 
     return to_force
@@ -202,10 +215,10 @@ def slope(
     biped: Biped, *, name: str, angle: float, ramp: float, duration: float, theta0: float = 0.0, omega0: float = 0.0
 ) -> Scenario:
     """Ground that tilts to ``angle`` [rad] within ``ramp`` [s] (22); ``ramp`` = 0 is a sudden slope."""
-    times, values = _ramp(ramp, [angle])
+    times, share = _ramp(ramp, [1.0])
     return Scenario(
-        name=name, kind="slope", duration=duration, times=times, signal=values, to_force=slope_force(biped),
-        theta0=theta0, omega0=omega0,
+        name=name, kind="slope", duration=duration, times=times, signal=share, to_force=slope_force(biped, angle),
+        theta0=theta0, omega0=omega0, angle=angle,
     )  # fmt: skip
 
 

@@ -135,6 +135,7 @@ def decay_rate(p: Sequence[float]) -> float:
     estimate = -float(np.roots([1.0, *map(float, p)]).real.max())
     size = max(abs(float(c)) ** (1 / (k + 1)) for k, c in enumerate(p)) or 1.0
     width = 1e-9 * size
+    stable = is_hurwitz(exact)
     low, high = estimate - width, estimate + width
     while not is_hurwitz(shifted(exact, Fraction(low))):
         width *= 4
@@ -142,7 +143,8 @@ def decay_rate(p: Sequence[float]) -> float:
     while is_hurwitz(shifted(exact, Fraction(high))):
         width *= 4
         high = estimate + width
-    while high - low > 1e-13 * size:
+    low, high = (max(low, 0.0), high) if stable else (low, min(high, 0.0))  # its sign is decided, however small it is
+    while high - low > 1e-13 * size or (stable and high - low > 1e-6 * high):
         middle = low + 0.5 * (high - low)
         if not low < middle < high:
             break

@@ -12,7 +12,7 @@ from design.analysis.rows import Series
 from design.present import plots, report_plots, store
 from design.present.explain import pages
 from design.present.report import WORDS, Report, binding
-from design.present.text import number, ranked, word
+from design.present.text import margin_of, number, ranked, value_of, word
 from design.workers import Here
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def as_html(report: Report, pen: Executor | None = None) -> str:
         loop.append(("Root locus over the actuator's gain", draw(report_plots.locus_figure, curves)))
         loop.append(("Loop gain and sensitivities at the actuator", draw(report_plots.loop_figure, curves)))
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["number"] = number
+    environment.filters.update(number=number, value_of=value_of, margin_of=margin_of)
     source = files("design.present").joinpath("report.html.j2").read_text(encoding="utf-8")
     held = {(row.id, row.scenario) for row in binding(report.verdict.rows)}
     rows = [(row, *word(row), (row.id, row.scenario) in held) for row in ranked(report.verdict.rows)]

@@ -102,7 +102,7 @@ def proved(report: Report, seconds: float) -> Report:
     problem = report.setting
     names = [scenario.name for scenario in problem.scenarios]
     with terminal.progress() as say:
-        proofs = proving.proved_in(problem, report.gains, names, seconds=seconds, say=say)
+        proofs, _ = proving.proved_in(report.source, problem, report.gains, names, seconds=seconds, say=say)
     verdict = proving.with_proofs(problem, report.verdict, proofs)
     said = (*report.remarks, *proving.remarks(proofs))
     return replace(report, verdict=verdict, remarks=said)

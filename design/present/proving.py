@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 import textwrap
+import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
+from design import checking
 from design.analysis.rows import Row, RowStatus, Verdict
+from design.checking import world
 from design.errors import BadInput
 from design.model.laws import Gains, LawKind
 from design.present import opening, store, terminal, text
@@ -22,6 +25,10 @@ ASSUMPTIONS = (
     "the two-link model with a rigid foot that does not slip, the law in continuous time, no delay, no noise; numbers"
     " of the body and world count with all within 1e-14 of them, what the law reckons with as the floats that it is"
 )
+UNCHECKED = "certificates are for laws pd and force without adapt_s"
+STABILITY = ("stiffness", "damping", "routh", "decay-rate")
+PROVING = 0.6
+"""The part of the time that the prover has; the rest is the independent checker's."""
 ROWS: dict[str, tuple[str, str]] = {
     "stiffness": ("(27)", "N m/rad"), "damping": ("(28)", "m/s"), "routh": ("(29)", "N² m² s"),
     "decay-rate": ("(24)", "1/s"), "toe-force": ("(5)", "N"), "heel-force": ("(6)", "N"), "cop-margin": ("(18)", "m"),
@@ -60,16 +67,17 @@ def render(
     its = problem.given_gains()
     store.check_writable(output, certificate)
     names = [each.name for each in problem.scenarios] if scenario is None else [problem.scenario(scenario).name]
-    if certificate and (problem.law == "cop" or math.isfinite(problem.adapt)):
-        message = "certificates are for laws pd and force without adapt_s; prove without --certificate"
+    if certificate and (why := _no_certificate(source, problem)):
+        message = f"{why}; prove without --certificate"
         raise BadInput(message, key="--certificate")
+    deadline, jobs = time.monotonic() + seconds, 1 + largest
     with terminal.progress() as say:
-        proofs = proved_in(problem, its, names, seconds=seconds, scale=scale, say=say)
-        sizes = _sizes(problem, its, names, seconds, say) if largest else []
-        if certificate and any(proof.answer == "proved" for proof in proofs):
-            from design.proof.certificate import write
+        proofs, entries = proved_in(source, problem, its, names, seconds=seconds / jobs, scale=scale, say=say)
+        sizes = _sizes(problem, its, names, deadline - time.monotonic(), say) if largest else []
+        if certificate and entries:
+            from design.proof import certificate as certificates
 
-            store.write(certificate, write(source, problem, its, proofs, scale, say))
+            store.write(certificate, certificates.document(source, problem, its, entries, scale))
         elif certificate:
             terminal.note(f"{certificate}: not written: nothing is proved")
     answer = overall(proofs)
@@ -89,7 +97,19 @@ def _sizes(
         raise BadInput(str(error), key="--largest") from None
 
 
+def _no_certificate(source: Source, problem: Setting) -> str:
+    """Why no certificate of this can be written; empty where one can."""
+    if problem.law == "cop" or math.isfinite(problem.adapt):
+        return UNCHECKED
+    try:
+        world.read(source.text)
+    except (checking.Refused, checking.Malformed, ValueError, ArithmeticError) as error:
+        return f"certificates are not for {error}"
+    return ""
+
+
 def proved_in(
+    source: Source,
     problem: Setting,
     gains: Gains,
     names: list[str],
@@ -97,13 +117,45 @@ def proved_in(
     seconds: float,
     scale: float = 1.0,
     say: Callable[[str], None] = lambda _: None,
-) -> list[Proof]:
-    """A proof for each scenario of these ``names``; ``seconds`` is for all of them."""
-    found: list[Proof] = []
+) -> tuple[list[Proof], list[dict[str, Any]]]:
+    """A proof for each scenario of these ``names``, and the certificate's entries of those that are proved.
+
+    What has a certificate counts as proved only where the independent checker confirms it, and with the bounds that it
+    confirms. ``seconds`` is for all of them.
+    """
+    deadline = time.monotonic() + seconds
+    unchecked = _no_certificate(source, problem)
+    proofs: list[Proof] = []
+    entries: list[dict[str, Any]] = []
     for k, name in enumerate(names):
-        left = max(seconds - sum(each.seconds for each in found), 0.0) / (len(names) - k)
-        found.append(prove(problem, gains, name, seconds=left, scale=scale, say=say))
-    return found
+        left = max(deadline - time.monotonic(), 0.0) / (len(names) - k)
+        part = 1.0 if unchecked else PROVING
+        proof = prove(problem, gains, name, seconds=part * left, scale=scale, say=say)
+        proof.unchecked = unchecked
+        if not unchecked and proof.answer == "proved":
+            entries += _checked(source, problem, gains, proof, scale, left - proof.seconds, say)
+        proofs.append(proof)
+    return proofs, entries
+
+
+def _checked(
+    source: Source, problem: Setting, gains: Gains, proof: Proof, scale: float, seconds: float,
+    say: Callable[[str], None],
+) -> list[dict[str, Any]]:  # fmt: skip
+    """The entry of a proof that the checker confirms, which then has the bounds of it; else it is unknown."""
+    from design.proof.certificate import Unconfirmed, confirmed
+
+    began = time.monotonic()
+    try:
+        entry, answer = confirmed(source, problem, gains, proof, scale, seconds=seconds, say=say)
+    except Unconfirmed as error:
+        proof.answer, proof.why = "unknown", f"bounded, but the independent checker does not confirm it: {error}"
+        return []
+    finally:
+        proof.seconds += time.monotonic() - began
+    proof.checked, proof.every_time = True, answer.for_ever[proof.scenario]
+    proof.value |= {row: float(value) for row, value in answer.claims[proof.scenario].items()}
+    return [entry]
 
 
 def overall(proofs: list[Proof]) -> Answer:
@@ -139,7 +191,9 @@ def _row(problem: Setting, proof: Proof, row: str, level: float) -> Row:
             basis="sampled",
         )  # fmt: skip
     value = proof.value.get(row)
-    if value is not None and (proof.answer == "proved" or not proof.box):  # one part: what it bounds is bounded
+    # of one body and world, what is decided exactly holds whatever becomes of the rest
+    alone = not proof.box and (bool(proof.unchecked) or row in STABILITY)
+    if value is not None and (proof.answer == "proved" or alone):
         return Row(
             **facts, value=value, margin=margin(value), status="met", time_s=proof.time_s.get(row), basis="proved"
         )  # fmt: skip
@@ -149,18 +203,28 @@ def _row(problem: Setting, proof: Proof, row: str, level: float) -> Row:
 def document(source: Source, problem: Setting, gains: Gains, proofs: list[Proof], scale: float) -> dict[str, Any]:
     """The JSON of the command."""
     answer = overall(proofs)
+    ever: dict[str | None, bool] = {proof.scenario: _ever(proof) for proof in proofs}
     return store.document(
         "prove", source, status=answer, verdict=answer, law=problem.law, gains=store.gains_json(gains),
-        rows=[store.row_json(row) for row in rows(problem, proofs)], assumptions=ASSUMPTIONS, scale=scale,
+        rows=[
+            store.row_json(row) | {"every_time": ever[row.scenario]} for row in rows(problem, proofs)
+        ],
+        assumptions=ASSUMPTIONS, scale=scale,
         scenarios=[
             {
                 "name": proof.scenario, "verdict": proof.answer, "share_of_box": proof.share, "parts": proof.parts,
                 "seconds": proof.seconds, "why": proof.why, "box": _box(proof.box),
-                "counterexample": _counterexample(proof),
+                "counterexample": _counterexample(proof), "every_time": _ever(proof), "end_s": proof.end_s,
+                "checked": proof.checked,
             }
             for proof in proofs
         ],
     )  # fmt: skip
+
+
+def _ever(proof: Proof) -> bool:
+    """Whether it is proved at every time, also after the scenario's end."""
+    return proof.answer == "proved" and proof.every_time
 
 
 def _box(box: dict[str, tuple[float, float]]) -> dict[str, dict[str, Any]]:
@@ -193,7 +257,8 @@ def as_text(
     lines.append(f"{'':9} {'row':<11} {'scenario':<12} {'bound':>11} {'needs':>9} {'unit':<9} {'at s':>6}")
     for row in rows(problem, proofs):
         word, style = WORDS[row.status]
-        value = "-" if row.value is None else f"{row.value:.6g}"
+        proved = row.basis == "proved"
+        value = text.bound(row.value, 7, up=row.id == "torque") if proved else text.number(row.value, 7)
         at = "-" if row.time_s is None else f"{row.time_s:.3f}"
         lines.append(
             f"{paint(f'{word:<9}', style)} {row.id:<11} {row.scenario or '':<12} {value:>11} {row.required:>9.6g}"
@@ -204,7 +269,8 @@ def as_text(
         lines += textwrap.wrap(f"{proof.scenario}: {_said(proof)}", 78, subsequent_indent="  ")
     for size in sizes:
         said = (
-            f"{size.scenario}: {size.proved:.3g} times the box of [uncertainty] is proved; "
+            f"{size.scenario}: {text.bound(size.proved, 3)} times the box of [uncertainty] is bounded by the prover"
+            " alone (--scale has the independent checker confirm it); "
             + (f"even {size.unbroken:g}" if size.beyond else f"{size.unbroken:.3g}")
             + f" times it is not broken by sampling its corners and inside: {100 * size.ratio:.0f} % of that is proved"
         )
@@ -217,20 +283,31 @@ def as_text(
 
 def _said(proof: Proof) -> str:
     box = ", ".join(
-        f"{name} {part['from']:.5g} to {part['to']:.5g} {part['unit']}" for name, part in _box(proof.box).items()
+        f"{name} {text.bound(part['from'], 7, up=True)} to {text.bound(part['to'], 7)} {part['unit']}"
+        for name, part in _box(proof.box).items()
     )
     where = f"for every body and world with {box}" if box else "for the nominal numbers"
     took = f"{proof.parts} {'part' if proof.parts == 1 else 'parts'}, {proof.seconds:.1f} s"
     if proof.answer == "proved":
-        return f"PROVED {where}, at every time, also after the scenario's end where its force rests ({took})"
+        said = (
+            "confirmed by the independent checker" if proof.checked else f"not independently checked: {proof.unchecked}"
+        )
+        return f"PROVED {where}, {_when(proof)}; {said} ({took})"
     broken = proof.counterexample
     if broken is not None:
         at = "" if broken.time_s is None else f" at {broken.time_s:.3f} s"
         point = ", ".join(
-            f"{UNITS[name][0]} {broken.at[name] * UNITS[name][2]:.6g} {UNITS[name][1]}" for name in proof.box
+            f"{UNITS[name][0]} {broken.at[name] * UNITS[name][2]:.9g} {UNITS[name][1]}" for name in proof.box
         )
         return f"DISPROVED: {broken.row} is {broken.value:.6g}{at}{f', with {point}' if point else ''} ({took})"
-    return f"UNKNOWN {where}: {proof.why}; {100 * proof.share:.3g} % of the box is proved ({took})"
+    bounded = f"; {text.bound(100 * proof.share, 3)} % of the box is bounded" if proof.box else ""
+    return f"UNKNOWN {where}: {proof.why}{bounded} ({took})"
+
+
+def _when(proof: Proof) -> str:
+    if proof.every_time:
+        return "at every time, also after the scenario's end, where its force rests"
+    return f"until the end at {proof.end_s:g} s, where its force still moves or jumps; not after it"
 
 
 def remarks(proofs: list[Proof]) -> tuple[str, ...]:
@@ -241,9 +318,9 @@ def remarks(proofs: list[Proof]) -> tuple[str, ...]:
 def with_proofs(problem: Setting, verdict: Verdict, proofs: list[Proof]) -> Verdict:
     """A report's verdict in which proved rows say so, with a bound for their value, and disproved ones are violated."""
     found = {(row.scenario, row.id): row for row in rows(problem, proofs) if row.status != "undecided"}
-    boxes = {proof.scenario: bool(proof.box) for proof in proofs}
+    by_name = {proof.scenario: proof for proof in proofs}
     changed = [
-        _replaced(row, better, box=boxes[str(row.scenario)])
+        _replaced(row, better, by_name[str(row.scenario)])
         if (better := found.get((row.scenario, row.id))) is not None
         else row
         for row in verdict.rows
@@ -251,14 +328,17 @@ def with_proofs(problem: Setting, verdict: Verdict, proofs: list[Proof]) -> Verd
     return replace(verdict, rows=tuple(changed))
 
 
-def _replaced(row: Row, better: Row, *, box: bool) -> Row:
-    reach = "all times and the whole box of [uncertainty]" if box else "all times"
+def _replaced(row: Row, better: Row, proof: Proof) -> Row:
+    box = bool(proof.box)
+    reach = "all times" if proof.every_time else f"all times until the end at {proof.end_s:g} s"
+    reach += " and the whole box of [uncertainty]" if box else ""
+    reach += f", not independently checked: {proof.unchecked}" if proof.unchecked else ""
     if better.status == "violated":
         note = "a body and world of the box of [uncertainty] break it" if box else "broken"
         return replace(better, required=row.required if row.required is not None else better.required,
                        note=_joined(row.note, note))  # fmt: skip
     if row.id in ("stiffness", "damping", "routh"):  # these show both sides; proved is their distance
-        said = f"proved for {reach}: the margin is at least {better.value:.6g}"
+        said = f"proved for {reach}: the margin is at least {text.bound(better.value)}"
         return replace(row, basis="proved", note=_joined(row.note, said))
     sampled = f"; {row.value:.6g} at the samples" if row.value is not None else ""
     margin = None if row.required is None else better.margin

@@ -15,7 +15,7 @@ from design.analysis.recorded import Estimates, Least, cop_margin, estimates, le
 from design.errors import BadInput
 from design.present import opening, plots, recording_plots, recording_spec, store, terminal
 from design.present.report import Report
-from design.present.text import number, table, wrapped
+from design.present.text import bound, number, table, wrapped
 from design.recordings.reading import Reading
 from design.recordings.record import Record, open_record
 from design.spec.load import Source, load
@@ -204,12 +204,17 @@ def as_text(result: Measured) -> str:
         parts = zip(("F_x", "F_y"), found.spread, bias, strict=True)
         errors = ", ".join(
             f"{name} ± {number(spread, 3)} N by noise"
-            + ("" if math.isnan(off) else f", {number(off, 3)} N by the body")
+            + ("" if math.isnan(off) else f", {bound(off, 3, up=True)} N by the body")
             for name, spread, off in parts
             if not math.isnan(spread)
         )
-        bound = "tolerances: none given" if found.bias is None else "bound by [uncertainty]"
-        lines += wrapped(f"errors: {errors} (standard deviation; {bound})")
+        what = (
+            "noise: standard deviation, a mean over time; tolerances: none given"
+            if found.bias is None
+            else "noise: standard deviation, a mean over time; body: the most that a body within [uncertainty] moves"
+            " the estimate by at any time; how late a changing force is read comes on top"
+        )
+        lines += wrapped(f"errors: {errors} ({what})")
     return "\n".join(lines) + "\n"
 
 

@@ -15,7 +15,20 @@ from design.analysis.rows import Row, RowStatus, Verdict
 from design.errors import BadInput
 from design.model.laws import Gains
 from design.present import store
-from design.present.text import Paint, Style, gains_line, number, ranked, report_table, short, table, word, wrapped
+from design.present.text import (
+    Paint,
+    Style,
+    gains_line,
+    margin_of,
+    number,
+    ranked,
+    report_table,
+    short,
+    table,
+    value_of,
+    word,
+    wrapped,
+)
 from design.spec.load import Source
 from design.spec.setting import Setting
 
@@ -112,8 +125,8 @@ def as_markdown(report: Report) -> str:
     rows = ranked(report.verdict.rows)
     for row in rows:
         lines.append(
-            f"| {word(row)[0]} | {row.id} | {_plain(row.scenario or '')} | {number(row.value)} | {number(row.required)}"
-            f" | {number(row.margin, 4)} | {row.unit} | {number(row.time_s, 5)} | {row.basis} |"
+            f"| {word(row)[0]} | {row.id} | {_plain(row.scenario or '')} | {value_of(row)} | {number(row.required)}"
+            f" | {margin_of(row, 4)} | {row.unit} | {number(row.time_s, 5)} | {row.basis} |"
         )
     notes = [f"- `{row.id}`: {_plain(row.note)}" for row in rows if row.note]
     notes += [f"- {_plain(said)}" for said in report.remarks]
@@ -141,7 +154,7 @@ def as_junit(report: Report) -> str:
     suite = TestSuite(f"poise {report.source.spec.name}")
     for row in report.verdict.rows:
         case = TestCase(row.id, classname=f"{report.source.spec.name}.{row.scenario or 'all'}", time=0)
-        said = f"{row.id}: {number(row.value)} {row.unit}, needs {number(row.required)}. {row.note}".strip()
+        said = f"{row.id}: {value_of(row)} {row.unit}, needs {number(row.required)}. {row.note}".strip()
         if not row.counts:
             case.result = [Skipped(said)]
         elif row.status != "met":
@@ -163,8 +176,8 @@ def comparison(one: Report, other: Report, names: tuple[str, str], paint: Paint)
         better = _better(row, match)
         mine, its = word(row)[0], word(match)[0] if match else ""
         body.append(
-            [row.id, short(row.scenario, 8), f"{mine} {number(row.value)}",
-             f"{its} {number(match.value if match else None)}", row.unit, {1: "A", -1: "B", 0: ""}[better]]
+            [row.id, short(row.scenario, 8), f"{mine} {value_of(row)}",
+             f"{its} {value_of(match) if match else number(None)}", row.unit, {1: "A", -1: "B", 0: ""}[better]]
         )  # fmt: skip
     lines = [*wrapped(f"A: {names[0]}: {one.title}"), *wrapped(f"B: {names[1]}: {other.title}"), ""]
     lines += table(["row", "", "A", "B", "unit", "better"], body)

@@ -43,21 +43,25 @@ def render(
     its = problem.given_gains()
     loops = [problem.under(each).loop() for each in chosen]
     runs = [simulate(loop, each, its, problem.step) for loop, each in zip(loops, chosen, strict=True)]
-    doubts = (coarse_step(loop, each, its, problem.step) for loop, each in zip(loops, chosen, strict=True))
-    for why in filter(None, doubts):
+    coarse = [coarse_step(loop, each, its, problem.step) for loop, each in zip(loops, chosen, strict=True)]
+    for why in filter(None, coarse):
         terminal.note(f"warning: do not trust these numbers: {why}")
     if form == "csv":
         result = text.csv_text(runs)
     elif form == "json":
         facts = store.runs_json(problem.law, its, runs)
-        for each, run in zip(facts["scenarios"], runs, strict=True):
+        for each, run, why in zip(facts["scenarios"], runs, coarse, strict=True):
             each["estimates"] = estimates(problem, run)
+            each["too_coarse"] = why or None
         result = store.dumps(store.document("simulate", source, **facts))
     else:
         head = f"{source.spec.name}, law {problem.law}, {text.gains_line(its, problem.law)}"
         if math.isfinite(problem.adapt):
             head += f", desired angle adapts within {problem.adapt:g} s"
-        told = [[*text.trajectory_lines(run), *_estimate_lines(estimates(problem, run))] for run in runs]
+        told = [
+            [*text.trajectory_lines(run, why), *([] if why else _estimate_lines(estimates(problem, run)))]
+            for run, why in zip(runs, coarse, strict=True)
+        ]
         result = "\n".join([head, *(line for lines in told for line in lines)]) + "\n"
     if plot and picture:
         figure = plots.run_figure(runs, problem.biped, f"{source.spec.name}: {text.gains_line(its, problem.law)}")
@@ -101,7 +105,8 @@ def estimates(problem: Setting, run: Trajectory) -> dict[str, Any] | None:
         "dynamic": {
             "fx_n": float(moving.F[0, -1]), "fy_n": float(moving.F[1, -1]), "late_s": list(moving.lag),
             "noise_n": [float(part) for part in moving.spread[:, -1]],
-            "tolerance_n": [float(part) for part in moving.bias[:, -1]], "largest_error_n": largest(moving.F),
+            "tolerance_n": [float(part) for part in moving.bias[:, later].max(axis=1)],
+            "largest_error_n": largest(moving.F),
         },
     }  # fmt: skip
 
@@ -123,7 +128,8 @@ def _estimate_lines(found: dict[str, Any] | None) -> list[str]:
     if any(moving["noise_n"]):
         lines.append(f"  noise makes  {pair(rest['noise_n'])} at rest, {pair(moving['noise_n'])} in motion (std)")
     if any(moving["tolerance_n"]):
-        lines.append(
-            f"  tolerances   {pair(rest['tolerance_n'])} at rest, {pair(moving['tolerance_n'])} in motion, at most"
-        )
+        lines += [
+            f"  tolerances   {pair(rest['tolerance_n'])} at rest, {pair(moving['tolerance_n'])} in motion: the most",
+            "               that a body within [uncertainty] moves the estimate by at any time",
+        ]
     return lines

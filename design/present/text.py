@@ -7,6 +7,7 @@ import io
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from enum import StrEnum
 
 import numpy as np
@@ -51,6 +52,27 @@ def number(value: float | None, digits: int = 6) -> str:
     if digits == 6 and abs(value) < 1:
         digits = 4
     return f"{value:.{digits}g}"
+
+
+def bound(value: float | None, digits: int = 6, *, up: bool = False) -> str:
+    """A number that something is shown to be at least, or at most (``up``): rounded so that this stays true."""
+    if value is None or value == 0 or not math.isfinite(value):
+        return number(value, digits)
+    if digits == 6 and abs(value) < 1:
+        digits = 4
+    exact = Decimal(repr(float(value)))
+    last = Decimal(1).scaleb(exact.adjusted() - digits + 1)
+    return f"{float(exact.quantize(last, ROUND_CEILING if up else ROUND_FLOOR)):.{digits}g}"
+
+
+def value_of(row: Row) -> str:
+    """The value of a row for people; a proved one is rounded so that it stays a bound."""
+    return bound(row.value, up=row.id == "torque") if row.basis == "proved" else number(row.value)
+
+
+def margin_of(row: Row, digits: int = 6) -> str:
+    """Its margin, likewise."""
+    return bound(row.margin, digits) if row.basis == "proved" else number(row.margin, digits)
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], right: Sequence[int] = ()) -> list[str]:
@@ -119,7 +141,7 @@ def report_table(rows: Sequence[Row], paint: Paint) -> list[str]:
     sorted_rows = ranked(rows)
     body = [
         [
-            word(row)[0], row.id, short(row.scenario), number(row.value), number(row.required), number(row.margin, 4),
+            word(row)[0], row.id, short(row.scenario), value_of(row), number(row.required), margin_of(row, 4),
             row.unit, number(row.time_s, 5),
         ]
         for row in sorted_rows
@@ -140,8 +162,11 @@ def report_table(rows: Sequence[Row], paint: Paint) -> list[str]:
     return painted + notes
 
 
-def trajectory_lines(run: Trajectory) -> list[str]:
-    """What a run comes to, in words."""
+def trajectory_lines(run: Trajectory, coarse: str = "") -> list[str]:
+    """What a run comes to, in words; where its time step is too ``coarse``, only that."""
+    if coarse:
+        said = f"NO RESULT: {coarse}; what this step computes is not what the body does"
+        return [f"scenario {run.scenario}:", *textwrap.wrap(said, 76, initial_indent="  ", subsequent_indent="    ")]
     low_t, low_h = int(np.argmin(run.F_T)), int(np.argmin(run.F_H))
     lost = run.lost_contact
     lines = [

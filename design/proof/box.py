@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal
@@ -18,9 +18,11 @@ from typing import Literal
 import numpy as np
 
 from design.model.laws import Gains
+from design.model.uncertainty import Spread
 from design.proof import poles
-from design.proof.case import NAMES, Case, NotProved
+from design.proof.case import NAMES, Case, NotProved, OutOfTime
 from design.proof.counterexample import Counterexample, counterexample
+from design.proof.exact import decimal
 from design.proof.tube import bounds
 from design.spec.setting import Setting
 
@@ -36,7 +38,9 @@ class Proof:
     """What is proved of one scenario.
 
     ``value``: by row, the bound that holds for every body and world of the box and all times; ``time_s`` where it is
-    worst; ``share`` of the box that is proved; ``parts`` bounded; ``why`` not all.
+    worst; ``share`` of the box that is proved; ``parts`` bounded; ``why`` not all. ``every_time``: also after the
+    scenario's end at ``end_s``, where its force rests; else until then. ``checked``: confirmed by the independent
+    checker (``design.checking``), or ``unchecked``: why it is not.
     """
 
     scenario: str
@@ -48,6 +52,10 @@ class Proof:
     seconds: float = 0.0
     why: str = ""
     counterexample: Counterexample | None = None
+    every_time: bool = False
+    end_s: float = 0.0
+    checked: bool = False
+    unchecked: str = ""
     box: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
@@ -74,19 +82,20 @@ def prove(
 ) -> Proof:
     """Prove what ``levels`` demands of ``gains`` in one scenario, over ``scale`` times the box of [uncertainty]."""
     began = time.monotonic()
+    deadline = began + seconds
     setting.must_be_plain("a proof")
     scenario = setting.scenario(scenario_name)
     whole = _case(setting, gains, scenario_name, scale)
     demanded = levels(setting)
-    proof = Proof(scenario=scenario.name, box=_box(whole))
+    proof = Proof(scenario=scenario.name, box=_box(whole), every_time=scenario.rests, end_s=scenario.duration)
     waiting: list[tuple[Case, float]] = [(whole, 1.0)]
     while waiting:
-        proof.seconds = time.monotonic() - began
-        if proof.parts and proof.seconds > seconds:
-            proof.why = f"time limit of {seconds:g} s"
-            return proof
         case, volume = waiting.pop()
-        why, halves = _part(case, demanded, proof)
+        try:
+            why, halves = _part(case, demanded, proof, deadline)
+        except OutOfTime:
+            proof.why, proof.seconds = f"time limit of {seconds:.3g} s", time.monotonic() - began
+            return proof
         if proof.counterexample is not None:
             proof.answer, proof.why = "disproved", why
             proof.seconds = time.monotonic() - began
@@ -109,7 +118,7 @@ def _case(setting: Setting, gains: Gains, name: str, scale: float) -> Case:
     setting = setting.under(scenario)
     biped = setting.biped
     ramp = float(scenario.times[-1]) if scenario.kind in ("slope", "force") else 0.0
-    final = float(scenario.signal[0, -1]) if scenario.kind == "slope" else 0.0
+    final = scenario.angle if scenario.kind == "slope" else 0.0
     values = (biped.M, biped.L, biped.I, biped.m, biped.ell, final, ramp)
     radii = [
         scale * (getattr(tolerances, name).around(value, 1.0) - value)
@@ -122,7 +131,22 @@ def _case(setting: Setting, gains: Gains, name: str, scale: float) -> Case:
     return Case(
         biped=biped, kind=setting.law, gains=gains, theta_d=setting.theta_d, scenario=scenario, radii=tuple(radii),
         step=setting.step, known=setting.known or biped, adapt=setting.adapt,
+        limits=_limits(values, radii, [getattr(tolerances, name) for name in NAMES], scale),
     )  # fmt: skip
+
+
+def _limits(
+    values: Sequence[float], radii: Sequence[float], spreads: Sequence[Spread], scale: float
+) -> dict[str, tuple[float, float]]:
+    """By NAMES, the floats between which the box lies, as its decimals define it: rounded inward by a trace."""
+    found = {}
+    for name, value, radius, spread in zip(NAMES, values, radii, spreads, strict=True):
+        if radius > 0:
+            middle = decimal(value)
+            half = decimal(scale) * (decimal(spread.absolute) + decimal(spread.part) * abs(middle))
+            trace = (abs(middle) + half) / 2**51
+            found[name] = float(middle - half + trace), float(middle + half - trace)
+    return found
 
 
 def _box(case: Case) -> dict[str, tuple[float, float]]:
@@ -133,14 +157,17 @@ def _box(case: Case) -> dict[str, tuple[float, float]]:
     }  # fmt: skip
 
 
-def _part(case: Case, demanded: dict[str, float], proof: Proof) -> tuple[str, list[Case]]:
-    """Why this part is not proved (empty: it is), and its halves; counts it, and notes a counterexample."""
+def _part(case: Case, demanded: dict[str, float], proof: Proof, deadline: float) -> tuple[str, list[Case]]:
+    """Why this part is not proved (empty: it is), and its halves; counts it, and notes a counterexample.
+
+    Raises ``OutOfTime`` after the ``deadline``.
+    """
     proof.parts += 1
-    why = _unstable(case, demanded, proof)
+    why = _unstable(case, demanded, proof, deadline)
     influence = None
     if not why:
         try:
-            found = bounds(case)
+            found = bounds(case, deadline)
         except NotProved as error:
             why, influence = str(error), error.influence
         else:
@@ -160,14 +187,16 @@ def _part(case: Case, demanded: dict[str, float], proof: Proof) -> tuple[str, li
                     proof.value[row], proof.time_s[row] = value, float(found.t[worst])
     if not why:
         return "", []
-    proof.counterexample = counterexample(case, demanded, corners=proof.parts <= 2)
+    proof.counterexample = counterexample(case, demanded, corners=proof.parts <= 2, deadline=deadline)
     if proof.counterexample is not None:
         broken = proof.counterexample
         return f"{broken.row} is {broken.value:.6g} for a body and world of the box", []
+    if time.monotonic() > deadline:
+        raise OutOfTime
     return why, _halves(case, influence)
 
 
-def _unstable(case: Case, demanded: dict[str, float], proof: Proof) -> str:
+def _unstable(case: Case, demanded: dict[str, float], proof: Proof, deadline: float) -> str:
     """Why stability is not decided over this part; notes what is proved of its rows."""
     at = poles.numbers(case)
     if case.kind == "cop" and at.load.low <= 0:
@@ -181,7 +210,9 @@ def _unstable(case: Case, demanded: dict[str, float], proof: Proof) -> str:
     required = Fraction(repr(demanded["decay-rate"]))
     for share in SHARES_OF_RATE[3 if case.moving else 0 :]:
         sigma = max(Fraction(f"{max(corner, 0.0) * share:.10g}"), required)
-        if poles.decays(case, at, sigma):
+        if "decay-rate" in proof.value:  # of the whole no more can be proved than of another part
+            sigma = max(min(sigma, decimal(proof.value["decay-rate"])), required)
+        if poles.decays(case, at, sigma, deadline):
             found["decay-rate"] = float(sigma)
             break
     else:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
@@ -21,8 +22,6 @@ NAMES = ("M", "L", "I", "m", "ell", "slope", "ramp")
 """The parameters of a box: of the body, and a slope's final angle and a ramp's time."""
 CALM = 14.0
 """Time constants of the slowest pole for which a loop is watched after the end, before it counts as at rest."""
-MOST = 100_000
-"""Pieces for that, at most."""
 
 
 class NotProved(Exception):
@@ -33,12 +32,17 @@ class NotProved(Exception):
         self.influence = influence or {}
 
 
+class OutOfTime(Exception):
+    """The deadline has passed; nothing is known of what was begun."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Case:
     """``biped`` and ``scenario`` are the middle of the box, ``radii`` (7,) its half-widths by NAMES [SI, rad].
 
     The law may adapt within ``adapt`` [s]. It reckons with the body that is ``known`` to it, ``biped`` if that is None:
-    one body, whatever the real one. What the law reckons with counts as the floats that it is.
+    one body, whatever the real one. What the law reckons with counts as the floats that it is. ``limits``: by NAMES,
+    between which floats the parameters of the whole box lie, of which this may be a part.
     """
 
     biped: Biped
@@ -50,6 +54,7 @@ class Case:
     step: float
     known: Biped | None = None
     adapt: float = math.inf
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def believed(self) -> Biped:
@@ -95,7 +100,7 @@ class Case:
     def middle(self) -> dict[str, float]:
         """The middle of the box, by NAMES."""
         biped, scenario = self.biped, self.scenario
-        final = float(scenario.signal[0, -1]) if scenario.kind == "slope" else 0.0
+        final = scenario.angle if scenario.kind == "slope" else 0.0
         values = (biped.M, biped.L, biped.I, biped.m, biped.ell, final, float(scenario.times[-1]))
         return dict(zip(NAMES, values, strict=True))
 
@@ -124,20 +129,15 @@ def longer(case: Case) -> Case:
     decay = -float(np.linalg.eigvals(matrix).real.max())
     if decay <= 0:
         return case
-    rest = min(CALM / decay, MOST * case.step)
-    return replace(case, scenario=replace(scenario, duration=scenario.duration + rest))
+    return replace(case, scenario=replace(scenario, duration=scenario.duration + CALM / decay))
 
 
 def goes_on(scenario: Scenario) -> bool:
     """Whether the force still changes when the scenario ends."""
-    return scenario.steady_from >= scenario.duration and bool(np.ptp(scenario.signal, axis=1).any())
+    return not scenario.rests
 
 
-def pieces(scenario: Scenario, step: float) -> tuple[Array, Array, tuple[Array, Array]]:
-    """Edges (n + 1,), lengths (n,), and the signal at both ends of each piece, each (j, n)."""
-    steps = scenario.steps(step)
-    real = steps.h > 0
-    edges = np.append(steps.t[:-1][real], steps.t[-1])
+def signals(scenario: Scenario, edges: Array) -> tuple[Array, Array]:
+    """The signal at both ends of each piece between ``edges`` (n + 1,), each (j, n)."""
     middle = 0.5 * (edges[:-1] + edges[1:])
-    inside = scenario.signal_by
-    return edges, np.diff(edges), (inside(middle, edges[:-1]), inside(middle, edges[1:]))
+    return scenario.signal_by(middle, edges[:-1]), scenario.signal_by(middle, edges[1:])

@@ -1,8 +1,7 @@
 """What is proved, as a certificate that ``design.checking`` confirms: trajectories, norms, and how the box is cut.
 
-The trajectories are Taylor series of degree ``DEGREE`` of the loop, one piece after another, for the middle of a part
-and the ends of each parameter that moves; their pieces are as long as the last term of the series allows. Nothing here
-needs to be right: the checker takes none of it on trust, and what it does not confirm is not written.
+The trajectories and the norm are the prover's (``design.proof.tube``). Nothing here needs to be right: the checker
+takes none of it on trust, and what it does not confirm is not written.
 """
 
 from __future__ import annotations
@@ -10,8 +9,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -21,30 +21,33 @@ from numpy.typing import NDArray
 from design import checking
 from design.checking import verdict, world
 from design.checking.balls import ONE
+from design.checking.linear import check_decay
 from design.checking.tube import STORED, Found, walk
 from design.errors import BadInput
+from design.model.environment import varied
 from design.model.laws import Gains
-from design.model.stability import closed_loop_matrix
 from design.proof.box import Proof, levels
-from design.proof.case import NAMES, Case, NotProved
+from design.proof.case import NAMES, Case, NotProved, OutOfTime
 from design.proof.jacobian import ranges
 from design.proof.norm import contracting
+from design.proof.taylor import restrictions
+from design.proof.trajectory import Trajectory
+from design.proof.tube import Tube
 from design.spec.load import Source
 from design.spec.setting import Setting
 
 Array = NDArray[np.float64]
 
-DEGREE = 7
-TERM = 1e-7
-"""The largest last term of a series, in what it does to the torque [N m]."""
-LONGEST = 0.05
-"""Of a piece [s]."""
-CALM = 12.0
-"""Time constants of the slowest pole for which the loop is watched after the end."""
-UNITS = 1 << 24
-"""The shortest piece is one of so many of its segment."""
+CUTS = 4
+"""Pieces that each of the prover's becomes until the scenario ends: the checker bounds one less sharply."""
+GIVEN = 0.3
+"""By what part of itself the reach, and the range of the stiffness, may be more than the prover's."""
 MARGIN = Fraction(1, 10**5)
 """What is given away of the proved CoP margin [m], and a thousandth of it of the proved decay rate."""
+SHARES = ("1", "0.999", "0.99", "0.95", "0.9", "0.8", "0.65", "0.5", "0.2", "0")
+"""Parts of the proved decay rate that a certificate may claim."""
+DEEP = 3
+"""After so many cuts a box is not cut for the CoP margin alone."""
 ROUNDS = 6
 
 
@@ -57,94 +60,67 @@ def write(
     if not proved:
         message = "nothing is proved, so there is nothing to certify"
         raise BadInput(message, key="--certificate")
-    text = source.text
-    if hashlib.sha256(text.encode()).hexdigest() != source.sha256:
-        text = "\ufeff" + text
-    document: dict[str, Any] = {
+    entries = []
+    for proof in proved:
+        try:
+            entries.append(confirmed(source, problem, gains, proof, scale, say=say)[0])
+        except Unconfirmed as error:
+            message = f"{proof.scenario}: is proved, but could not be certified: {error}"
+            raise BadInput(message, key="--certificate") from None
+    return document(source, problem, gains, entries, scale)
+
+
+class Unconfirmed(Exception):
+    """No certificate of a scenario could be written that the checker confirms; the text says why."""
+
+
+def confirmed(
+    source: Source, problem: Setting, gains: Gains, proof: Proof, scale: float = 1.0, *,
+    seconds: float = math.inf, say: Callable[[str], None] = lambda _: None,
+) -> tuple[dict[str, Any], verdict.Answer]:  # fmt: skip
+    """A certificate's entry for one proved scenario, and the checker's answer, which is that it is confirmed.
+
+    Both within so many ``seconds``. Raises ``Unconfirmed``.
+    """
+    scenario = _Scenario(world.read(_text(source)), problem, gains, proof, scale, time.monotonic() + seconds, say)
+    try:
+        entry = scenario.entry()
+        scenario.look()
+    except (checking.Refused, NotProved) as error:
+        raise Unconfirmed(str(error)) from None
+    except OutOfTime:
+        message = "the time limit came before the independent checker had confirmed it"
+        raise Unconfirmed(message) from None
+    answer = verdict.check(document(source, problem, gains, [entry], scale).encode())
+    if not answer.confirmed:
+        raise Unconfirmed(answer.why)
+    return entry, answer
+
+
+def _text(source: Source) -> str:
+    """The spec's text as its digest has it."""
+    same = hashlib.sha256(source.text.encode()).hexdigest() == source.sha256
+    return source.text if same else "\ufeff" + source.text
+
+
+def document(source: Source, problem: Setting, gains: Gains, entries: list[dict[str, Any]], scale: float = 1.0) -> str:
+    """The text of a certificate with these entries."""
+    text = _text(source)
+    facts = {
         "format": verdict.FORMAT,
         "spec": {"name": source.spec.name, "sha256": hashlib.sha256(text.encode()).hexdigest(), "text": text},
         "law": {"kind": problem.law, "kp": gains.K_p, "kd": gains.K_d, "kf": gains.K_f},
         "scale": scale,
-        "scenarios": [],
+        "scenarios": entries,
     }
-    exact = world.read(text)
-    for proof in proved:
-        try:
-            document["scenarios"].append(_Scenario(exact, problem, gains, proof, scale, say).entry())
-        except (checking.Refused, NotProved) as error:
-            message = f"{proof.scenario}: is proved, but could not be certified: {error}"
-            raise BadInput(message, key="--certificate") from None
-    written = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
-    answer = verdict.check(written.encode())
-    if not answer.confirmed:
-        message = f"the certificate is not confirmed: {answer.why}"
-        raise BadInput(message, key="--certificate")
-    return written
-
-
-@dataclass(eq=False)
-class _Worlds:
-    """The loop for several bodies and worlds at once: each number an array (w,); see ``design.checking.tube``."""
-
-    M: Array
-    L: Array
-    I: Array
-    ell: Array
-    slope: Array
-    g: float
-    gains: Gains
-    theta_d: float
-    kind: str
-    size: int
-
-    def series(self, z: Array, h: Array, signal: Array, climb: Array) -> Array:
-        """Taylor coefficients (size, DEGREE + 1, w), in shares of ``h`` (w,), from the states ``z`` (size, w).
-
-        ``signal`` and ``climb`` (j,): the signal at the beginning and what it gains within the piece.
-        """
-        n = DEGREE + 1
-        x = np.zeros((self.size, n, len(h)))
-        x[:, 0] = z
-        linear = np.zeros((2, len(signal), len(h)))
-        linear[0], linear[1] = signal[:, None], climb[:, None]
-        side, down = np.zeros((2, len(h))), np.zeros((2, len(h)))
-        down[0] = self.M * self.g
-        phi = x[0].copy()
-        if self.kind == "slope":
-            tilt = linear[:, 0] * self.slope
-            phi[:2] += tilt
-        elif self.kind == "platform":
-            side = -self.M * linear[:, 0]
-        else:
-            side, down = linear[:, 0], down - linear[:, 1]
-        S, C = np.zeros((n, len(h))), np.zeros((n, len(h)))
-        S[0], C[0] = np.sin(phi[0]), np.cos(phi[0])
-        K = self.gains
-        for k in range(n - 1):
-            if k:
-                turns = np.arange(1.0, k + 1)[:, None] * phi[1 : k + 1]
-                S[k] = (turns * C[k - 1 :: -1][:k]).sum(axis=0) / k
-                C[k] = -(turns * S[k - 1 :: -1][:k]).sum(axis=0) / k
-            tau = -K.K_p * x[0, k] - K.K_d * x[1, k] + (K.K_f * x[2, k] if self.size == 3 else 0.0)
-            if k == 0:
-                tau = tau + K.K_p * self.theta_d
-            moment = down[0] * S[k] + side[0] * C[k]
-            if k:
-                moment = moment + down[1] * S[k - 1] + side[1] * C[k - 1]
-            share = h / (k + 1)
-            x[0, k + 1] = share * x[1, k]
-            x[1, k + 1] = share * (self.L * moment + tau) / self.I
-            if self.size == 3:
-                x[2, k + 1] = share * tau / self.ell
-            phi[k + 1] = x[0, k + 1] + (tilt[1] if self.kind == "slope" and k == 0 else 0.0)
-        return x
+    return json.dumps(facts, separators=(",", ":"), ensure_ascii=False, allow_nan=False) + "\n"
 
 
 class _Scenario:
     """The entry of one scenario, and what is needed on the way to it."""
 
     def __init__(
-        self, exact: dict[str, Any], problem: Setting, gains: Gains, proof: Proof, scale: float,
+        self, exact: dict[str, Any], problem: Setting, gains: Gains, proof: Proof, scale: float, deadline: float,
         say: Callable[[str], None],
     ) -> None:  # fmt: skip
         self.exact, self.problem, self.its, self.proof, self.say = exact, problem, gains, proof, say
@@ -156,11 +132,24 @@ class _Scenario:
         self.needs = levels(problem)
         found = proof.value
         self.margin = self._claimed("cop-margin", _decimal(found["cop-margin"]) - MARGIN)
-        self.decay = self._claimed("decay-rate", _decimal(found["decay-rate"]) - MARGIN / 1000)
+        self.decay = self._decay(_decimal(found["decay-rate"]) - MARGIN / 1000)
         self.found: list[Found] = []
+        self.deadline = deadline
+        self.walked = 0.0  # seconds that the checker took for what is kept, and will take again
 
     def _claimed(self, row: str, value: Fraction) -> Fraction:
         return max(_decimal(self.needs[row]), Fraction(math.floor(value * 10**9), 10**9))
+
+    def _decay(self, most: Fraction) -> Fraction:
+        """The largest decay rate that the checker sees of the whole box, which it does not cut for it."""
+        for share in SHARES:
+            claimed = self._claimed("decay-rate", most * Fraction(share))
+            try:
+                check_decay(claimed, self.gains, verdict.linear_ranges(self.table, self.box, self.g))
+            except checking.Refused:
+                continue
+            return claimed
+        return self._claimed("decay-rate", Fraction(0))
 
     def entry(self) -> dict[str, Any]:
         """Name, claims and tree."""
@@ -182,6 +171,7 @@ class _Scenario:
         except (checking.Refused, NotProved) as error:
             why = str(error)
         else:
+            self._lower(found, depth)
             why = self._broken(found)
             if not why:
                 self.found.append(found)
@@ -192,6 +182,22 @@ class _Scenario:
             raise checking.Refused(why)
         name = max(moving, key=lambda name: box[name][1] / (abs(box[name][0]) or 1))
         return {"cut": name, "halves": [self._tree(half, depth + 1) for half in verdict.halves(box, name)]}
+
+    def _lower(self, found: Found, depth: int) -> None:
+        """Claim no more of the CoP margin than the checker sees, where that is most of what is proved.
+
+        A margin smaller by d leaves d (F_T + F_H) more.
+        """
+        loads = [toe + heel for toe, heel in zip(found.toe, found.heel, strict=True)]
+        if min(found.cop) >= 0 or min(loads) <= 0:
+            return
+        least = [min(pair) for pair in zip(found.cop[::2], found.cop[1::2], strict=True)]
+        lacking = max(Fraction(-left, load) for left, load in zip(least, loads, strict=True))
+        lower = self._claimed("cop-margin", self.margin - Fraction(101, 100) * lacking - MARGIN / 10)
+        if lower < self.margin and (lower > Fraction(9, 10) * self.margin or depth >= DEEP):
+            gained = self.margin - lower
+            found.cop = [math.floor(left + gained * load) for left, load in zip(least, loads, strict=True)]
+            self.margin = lower
 
     def _broken(self, found: Found) -> str:
         for row, values in (("toe-force", found.toe), ("heel-force", found.heel)):
@@ -205,114 +211,72 @@ class _Scenario:
 
     # ---- a part
 
+    def look(self) -> None:
+        """Raise ``OutOfTime`` where the checker could not read again, by the deadline, what is kept."""
+        if time.monotonic() + self.walked > self.deadline:
+            raise OutOfTime
+
     def _part(self, box: world.Box) -> tuple[dict[str, Any], Found]:
-        case = self._case(box)
-        after = self._after(case, box)
-        pieces, G, defect = self._trajectory(case, box, after)
-        reach = 1e-6
+        check_decay(self.decay, self.gains, verdict.linear_ranges(self.table, box, self.g))
+        tube = Tube(self._case(box), self.deadline)
+        reach, G = tube.ranges()
+        segments = self._segments(tube.trajectory)
+        after = _decimal(tube.case.scenario.duration) - self.table["duration_s"]
+        wide = GIVEN * (G[1] - G[0]) + 1e-6 * max(map(abs, G))
         for _ in range(ROUNDS):
-            wide = 1.1 * reach * max(map(abs, G)) + 1e-9
-            P, rate = contracting(case, ranges(case, (G[0] - wide, G[1] + wide)), defect)
-            P /= np.trace(P)
+            over = ranges(tube.case, (G[0] - wide, G[1] + wide))
+            norm = contracting(tube.case, over, tube.defects, tube.h, self.deadline)
             part = {
-                "norm": [[float(P[i, j]) for j in range(i + 1)] for i in range(len(P))],
-                "rate": 0.999 * rate, "reach": reach, "after_s": after, "segments": pieces,
+                "frame": norm.S.tolist(), "blocks": list(norm.blocks), "rates": (0.999 * norm.rates).tolist(),
+                "couplings": (1.001 * norm.couplings).tolist(), "reach": (1 + GIVEN) * reach + 1e-9,
+                "after_s": float(after), "segments": segments,
             }  # fmt: skip
+            self.look()
+            began = time.monotonic()
             try:
-                return part, walk(self.exact, self.table, self.gains, self.g, box, _exactly(part), self.margin)
+                shown = walk(
+                    self.exact, self.table, self.gains, self.g, box, _exactly(part), self.margin, self.look
+                )  # fmt: skip
+                self.walked += time.monotonic() - began
+                return part, shown
             except checking.Refused as refusal:
                 if "reach" not in str(refusal):
                     raise
-                reach = 1.3 * float(str(refusal).split()[-2])
+                reach, wide = float(str(refusal).split()[-2]), 2 * wide
             if reach > 0.5:
                 break
         message = "the tube grows beyond what can be assumed of it"
         raise NotProved(message)
 
     def _case(self, box: world.Box) -> Case:
-        """The part as the prover has it, for its norm."""
+        """The part as the prover has it."""
         middle = {name: float(value) for name, (value, _) in box.items()}
         scenario = self.problem.scenario(self.proof.scenario)
         M, L, I, m, ell = (middle[name] for name in NAMES[:5])
         biped = replace(self.problem.under(scenario).biped, M=M, L=L, I=I, m=m, ell=ell)
         radii = [float(half) for _, half in box.values()]
         radii[5] = math.radians(radii[5])
+        scenario = varied(
+            self.problem.scenario(self.proof.scenario), biped, slope=lambda _: math.radians(middle["slope"]),
+            ramp=lambda _: middle["ramp"],
+        )  # fmt: skip
         return Case(
             biped=biped, kind=self.problem.law, gains=self.its, theta_d=self.problem.theta_d,
             scenario=scenario, radii=tuple(radii), step=self.problem.step,
         )  # fmt: skip
 
-    def _after(self, case: Case, box: world.Box) -> float:
-        if world.segments(self.table, box)[1] is None:
-            return 0.0
-        biped = case.biped
-        matrix = closed_loop_matrix(biped, case.kind, case.gains, biped.M * biped.g, biped.weight)
-        return round(CALM / max(-float(np.linalg.eigvals(matrix).real.max()), 0.1), 3)
-
-    def _trajectory(
-        self, case: Case, box: world.Box, after: float
-    ) -> tuple[list[list[Any]], tuple[float, float], Array]:
-        """The pieces of each segment, about the range of G, and about the sizes of the defect (n,) [1/s]."""
-        moving = [name for name, (_, half) in box.items() if half]
-        ends = [{}, *({name: sign * float(box[name][1])} for name in moving for sign in (1.0, -1.0))]
-        number = {
-            name: np.array([float(box[name][0]) + end.get(name, 0.0) for end in ends]) for name in NAMES
-        }  # fmt: skip
-        size = len(self.gains)
-        loops = _Worlds(
-            M=number["M"], L=number["L"], I=number["I"], ell=number["ell"], slope=np.radians(number["slope"]),
-            g=float(self.g), gains=self.its, theta_d=self.problem.theta_d, kind=self.table["kind"], size=size,
-        )  # fmt: skip
-        stretch = number["ramp"] / number["ramp"][0] if number["ramp"][0] else np.ones(len(ends))
-        scenario = case.scenario
-        z = np.zeros((size, len(ends)))
-        z[0], z[1] = scenario.theta0, scenario.omega0
-        felt = np.array([self.its.K_p, self.its.K_d, self.its.K_f])[:size]
-        centre = _recentring()
-        segments, _ = world.segments(self.table, box)
-        found: list[list[Any]] = []
-        low, high = math.inf, -math.inf
-        square = sum(float(half / middle) ** 2 for middle, half in box.values() if middle)
-        defect = np.zeros(size)
-        h = 1e-3
-        for k, segment in enumerate(segments):
-            length = float(segment.length) + (after if k + 1 == len(segments) else 0.0)
-            first = np.array([float(value) for value in segment.first])
-            gain = np.array([float(value) for value in segment.last]) - first
-            grows = stretch if segment.grows else np.ones(len(ends))
-            done, pieces = 0, []
-            h = min(h, 1e-3)
-            while done < UNITS:
-                weight = min(max(int(h / length * UNITS), 1), UNITS - done)
-                real = weight / UNITS * length
-                x = loops.series(z, real * grows, first + gain * (done / UNITS), gain * (weight / UNITS))
-                term = float((np.abs(x[:, -1]) * felt[:, None]).max())
-                better = real * min(max(0.9 * (TERM / max(term, 1e-300)) ** (1 / DEGREE), 0.2), 2.0)
-                h = min(better, LONGEST)
-                if term > 4 * TERM and weight > 1:
-                    continue
-                done += weight
-                defect = np.maximum(defect, (np.abs(x[:, -1]) + square * np.abs(x[:, 1])).max(axis=1) / real)
-                z = x.sum(axis=1)
-                if not (np.isfinite(z).all() and (np.abs(z[0]) < 1.5).all()):
-                    message = "the body falls"
-                    raise NotProved(message)
-                pieces.append([weight, *_rows(np.einsum("sdw,ed->sew", x, centre))])
-                G = self._stiffness(loops, z, first + gain * (done / UNITS))
-                low, high = min(low, float(G.min())), max(high, float(G.max()))
-            found.append(pieces)
-        spare = 0.002 * max(abs(low), abs(high))
-        if moving:  # corners of the box
-            spare += sum(float(box[name][1] / box[name][0]) for name in ("M", "L")) * high
-        return found, (low - spare, high + spare), defect
-
-    @staticmethod
-    def _stiffness(loops: _Worlds, z: Array, signal: Array) -> Array:
-        if loops.kind == "slope":
-            return np.asarray(loops.M * loops.g * loops.L * np.cos(z[0] + signal[0] * loops.slope))
-        side = -loops.M * signal[0] if loops.kind == "platform" else signal[0]
-        down = loops.M * loops.g - (0.0 if loops.kind == "platform" else signal[1])
-        return np.asarray(loops.L * (down * np.cos(z[0]) - side * np.sin(z[0])))
+    def _segments(self, found: Trajectory) -> list[list[Any]]:
+        """The pieces of each segment: a weight, and rows of coefficients by state; each of the prover's is cut."""
+        segments, number = [], 0
+        for weights in found.weights:
+            pieces: list[Any] = []
+            for weight in weights:
+                cuts = CUTS if found.edges[number] < self.table["duration_s"] else 1
+                parts = np.einsum("wsd,jde->jsew", found.c[number], restrictions(cuts))
+                pieces += [[CUTS // cuts * weight, *_rows(part)] for part in parts]
+                number += 1
+            segments.append(pieces)
+        return segments
 
 
 def _rows(c: Array) -> list[list[list[int]]]:
@@ -330,12 +294,6 @@ def _trimmed(row: list[int]) -> list[int]:
     return row
 
 
-def _recentring() -> Array:
-    """From shares of a piece, 0 to 1, to v from -1 to 1: (degree, degree)."""
-    n = DEGREE + 1
-    return np.array([[math.comb(d, e) * 0.5**d if e <= d else 0.0 for d in range(n)] for e in range(n)])
-
-
 def _decimal(value: float) -> Fraction:
     return Fraction(repr(float(value)))
 
@@ -349,6 +307,7 @@ def _below(units: int) -> float:
 def _exactly(part: dict[str, Any]) -> dict[str, Any]:
     """The numbers as the checker will read them."""
     return {
-        **part, "norm": [[_decimal(entry) for entry in row] for row in part["norm"]],
-        **{key: _decimal(part[key]) for key in ("rate", "reach", "after_s")},
+        **part, **{key: _decimal(part[key]) for key in ("reach", "after_s")},
+        "rates": list(map(_decimal, part["rates"])),
+        **{key: [list(map(_decimal, row)) for row in part[key]] for key in ("frame", "couplings")},
     }  # fmt: skip

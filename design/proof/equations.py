@@ -44,6 +44,11 @@ class Parts(NamedTuple):
     load: Model
     flow: list[Model]
 
+    def parted(self, m: int) -> Parts:
+        """The same with each piece cut into ``m``."""
+        single = {name: getattr(self, name).parted(m) for name in self._fields if name != "flow"}
+        return Parts(**single, flow=[model.parted(m) for model in self.flow])
+
 
 class Equations:
     """The equations over one box; states as in ``Case.size``."""
@@ -55,6 +60,9 @@ class Equations:
             if getattr(biped, name) <= radii[NAMES.index(name)] and not (name == "m" and biped.m == radii[3] == 0):
                 message = f"the box holds bodies without {name}"
                 raise NotProved(message)
+        if radii[6] > 0 and case.middle["ramp"] <= radii[6]:
+            message = "the box holds ramps that take no time, or less; take a smaller one"
+            raise NotProved(message)
 
     def number(self, name: str, value: float, n: int) -> Model:
         """``value`` in n pieces, as it goes with the parameter called ``name``."""
@@ -75,17 +83,19 @@ class Equations:
         return found
 
     def world(self, n: int, ends: tuple[Array, Array]) -> World:
-        """The world in each piece, from the signal at its ends (each (j, n))."""
+        """The world in each piece, from the signal at its ends (each (j, n)): of a slope the share of its angle."""
         kind, p = self.case.scenario.kind, self.numbers(n)
         signals = []
         for first, last in zip(*ends, strict=True):
             c = blank(n, self.k)
-            c[:, 0, 0], c[:, 0, 1] = 0.5 * (first + last), 0.5 * (last - first)
+            middle, climb = 0.5 * (first + last), 0.5 * (last - first)
+            c[:, 0, 0], c[:, 0, 1] = middle, climb
             slope = NAMES.index("slope")
-            if kind == "slope" and slope in self.case.moving:
-                at, final = 1 + self.case.moving.index(slope), float(self.case.scenario.signal[0, -1])
-                share = c[:, 0, :2] / final if final else np.array([1.0, 0.0])
-                c[:, at, :2] = share * self.case.radii[slope]
+            if kind == "slope":  # the share of the final angle, times that angle, which may be uncertain
+                c[:, 0, :2] *= self.case.scenario.angle
+                if slope in self.case.moving:
+                    at, radius = 1 + self.case.moving.index(slope), self.case.radii[slope]
+                    c[:, at, 0], c[:, at, 1] = middle * radius, climb * radius
             size = np.abs(c).sum(axis=(1, 2)).max()
             signals.append(Model(c, np.full(n, ROUNDING * size + TINY)))
         weight = p["M"] * p["g"]

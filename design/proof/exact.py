@@ -102,17 +102,62 @@ def sizes(bodies: Body, scenario: Scenario) -> Range:
     weight = bodies.M * bodies.g
     if scenario.kind == "slope":
         return weight
-    points = []
-    for column in scenario.signal.T.tolist():
-        if scenario.kind == "platform":
-            points.append((bodies.M * -around(column[0]), weight))
-        else:
-            points.append((around(column[0]), weight - around(column[1])))
+    points = [_sides(bodies, scenario, column) for column in corners(scenario)]
     squares = [_square(x) + _square(y) for x, y in points]
     low = min(square.low for square in squares)
     for (x0, y0), (x1, y1) in pairwise(points):
         low = min(low, _nearest(x0, y0, x1, y1))
     return Range(_root(low)[0], _root(max(square.high for square in squares))[1])
+
+
+def _sides(bodies: Body, scenario: Scenario, column: tuple[Fraction, ...]) -> tuple[Range, Range]:
+    """F_x and M g - F_y [N] where the signal of a force or of a floor is ``column``."""
+    weight = bodies.M * bodies.g
+    if scenario.kind == "platform":
+        return bodies.M * point(-column[0]), weight
+    return point(column[0]), weight - point(column[1])
+
+
+def at_rest(bodies: Body, scenario: Scenario, column: tuple[Fraction, ...]) -> tuple[Range, Range]:
+    """A (3) and F_T + F_H at rest [N] where the signal is ``column``."""
+    weight, foot = bodies.M * bodies.g, bodies.m * bodies.g
+    if scenario.kind == "slope":
+        return weight, foot + weight * _cosine_of(decimal(scenario.angle) * column[0])
+    x, down = _sides(bodies, scenario, column)
+    square = _square(x) + _square(down)
+    return Range(_root(square.low)[0], _root(square.high)[1]), foot + down
+
+
+def nearest(bodies: Body, scenario: Scenario) -> list[tuple[Fraction, ...]]:
+    """About where A is least on each piece of the signal of a force or a floor."""
+    if scenario.kind == "slope":
+        return []
+    found, columns = [], corners(scenario)
+    for first, last in pairwise(columns):
+        (x0, y0), (x1, y1) = (
+            tuple(float(side.low) for side in _sides(bodies, scenario, column)) for column in (first, last)
+        )
+        length = (x1 - x0) ** 2 + (y1 - y0) ** 2
+        share = -(x0 * (x1 - x0) + y0 * (y1 - y0)) / length if length > 0 else 0.0
+        if 0.0 < share < 1.0:
+            found.append(tuple(a + decimal(share) * (b - a) for a, b in zip(first, last, strict=True)))
+    return found
+
+
+def corners(scenario: Scenario) -> list[tuple[Fraction, ...]]:
+    """The signal where it has corners, both sides of its jumps, and when the scenario ends: all of it lies between."""
+    end = decimal(scenario.duration)
+    points = [
+        (decimal(t), tuple(map(decimal, column)))
+        for t, column in zip(scenario.times.tolist(), scenario.signal.T.tolist(), strict=True)
+    ]
+    within = [value for t, value in points if t < end]
+    before, after = points[len(within) - 1], points[len(within) : len(within) + 1]
+    if not after:
+        return within
+    ((t, value),) = after  # the first point at the end or after it: what the signal has come to when the scenario ends
+    share = (end - before[0]) / (t - before[0])
+    return [*within, tuple(a + share * (b - a) for a, b in zip(before[1], value, strict=True))]
 
 
 def _square(x: Range) -> Range:
@@ -139,11 +184,19 @@ def loads(bodies: Body, scenario: Scenario, slope: Range, *, ground_loads: bool)
     if scenario.kind == "platform":
         return foot + weight
     if scenario.kind != "slope":
-        down = [around(force) for force in scenario.signal[1].tolist()]
-        return foot + weight - Range(min(each.low for each in down), max(each.high for each in down))
-    farthest = max(abs(slope.low), abs(slope.high), *(abs(decimal(part)) for part in scenario.signal[0].tolist()))
+        down = [column[1] for column in corners(scenario)]
+        return foot + weight - Range(min(down), max(down))
+    farthest = max(abs(slope.low), abs(slope.high)) * max(abs(column[0]) for column in corners(scenario))
     lowered = Range(_cosine(Fraction(math.ceil(farthest * DIGITS), DIGITS)), Fraction(1))
     return (foot + weight) * lowered if ground_loads else foot + weight * lowered
+
+
+def _cosine_of(x: Fraction) -> Range:
+    """The cosine of an angle [rad]."""
+    size = abs(x)
+    low = _cosine(Fraction(math.ceil(size * DIGITS), DIGITS))
+    high = low + Fraction(2, DIGITS) if size < 3 else Fraction(1)  # the angle rounded up, and the series' rest
+    return Range(low, min(high, Fraction(1)))
 
 
 def _cosine(x: Fraction) -> Fraction:

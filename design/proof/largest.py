@@ -47,7 +47,7 @@ class Largest:
 def largest(
     setting: Setting, gains: Gains, name: str, *, seconds: float = 120.0, say: Callable[[str], None] = lambda _: None
 ) -> Largest:
-    """Both multiples in the scenario called ``name``; proofs are given ``seconds`` in all.
+    """Both multiples in the scenario called ``name``; of the ``seconds`` no more than half are for sampling.
 
     Raises ``ValueError`` where the spec has no [uncertainty] that bears on the scenario.
     """
@@ -56,11 +56,11 @@ def largest(
     if tolerances.none:
         message = "there is no box: [uncertainty] is empty"
         raise ValueError(message)
-    unbroken, beyond = _unbroken(setting, gains, name, say)
-    began = time.monotonic()
+    deadline = time.monotonic() + seconds
+    unbroken, beyond = _unbroken(setting, gains, name, time.monotonic() + 0.5 * seconds, say)
 
     def provable(scale: float) -> bool:
-        left = seconds - (time.monotonic() - began)
+        left = deadline - time.monotonic()
         if left <= 0:
             return False
         say(f"{name}: proving {scale:.3g} times the box")
@@ -90,7 +90,9 @@ def _end(holds: Callable[[float], bool], most: float, least: float = 0.0) -> flo
     return low
 
 
-def _unbroken(setting: Setting, gains: Gains, name: str, say: Callable[[str], None]) -> tuple[float, bool]:
+def _unbroken(
+    setting: Setting, gains: Gains, name: str, deadline: float, say: Callable[[str], None]
+) -> tuple[float, bool]:
     scenario = setting.scenario(name)
     points = in_box(setting.tolerances, INSIDE)
     level = levels(setting)["toe-force"]
@@ -108,8 +110,9 @@ def _unbroken(setting: Setting, gains: Gains, name: str, say: Callable[[str], No
         toe, heel = least_forces(
             setting.under(scenario).biped, setting.law, gains, scenario, tolerances, points,
             step=max(setting.step, 2e-3), theta_d=setting.theta_d, adapt=setting.adapt, known=setting.known,
+            deadline=deadline,
         )  # fmt: skip
-        return bool(min(toe.min(), heel.min()) >= level)
+        return bool(min(toe.min(), heel.min()) >= level) and time.monotonic() < deadline
 
     low, high = 0.0, 1.0
     while holds(high):

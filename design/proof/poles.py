@@ -6,14 +6,27 @@ Over a box the answer may be "not seen", never wrong (``design.proof.exact``).
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
 
 from design.model.stability import decay_rate, shifted
-from design.proof.case import Case
-from design.proof.exact import DIGITS, Range, around, body, decimal, loads, point, sizes
+from design.proof.case import Case, OutOfTime
+from design.proof.exact import (
+    DIGITS,
+    Range,
+    around,
+    at_rest,
+    body,
+    corners,
+    decimal,
+    loads,
+    nearest,
+    point,
+    sizes,
+)
 
 NAMES = ("I", "ell", "AL", "load")
 CUTS = 15
@@ -34,7 +47,7 @@ def numbers(case: Case) -> Numbers:
     """The ranges for a part of a box."""
     scenario = case.scenario
     bodies = body(case.biped, case.radii)
-    final = around(float(scenario.signal[0, -1]), case.radii[5])
+    final = around(scenario.angle, case.radii[5])
     AL, load = sizes(bodies, scenario) * bodies.L, loads(bodies, scenario, final, ground_loads=case.biped.ground_loads)
     return Numbers(I=_shorter(bodies.I), ell=_shorter(bodies.ell), AL=_shorter(AL), load=_shorter(load))
 
@@ -99,13 +112,17 @@ def characteristic(case: Case, at: Numbers) -> tuple[Range, ...]:
     )
 
 
-def decays(case: Case, at: Numbers, sigma: Fraction) -> bool:
+def decays(case: Case, at: Numbers, sigma: Fraction, deadline: float = math.inf) -> bool:
     """Whether every pole has a real part below -sigma, wherever in the ranges; False where that is not seen.
+
+    Raises ``OutOfTime`` after the ``deadline`` (``time.monotonic``).
 
     Where it is seen in the middle, but not of the ranges as a whole, they are cut in two, across the relatively widest.
     """
     waiting, cuts = [at], 0
     while waiting:
+        if time.monotonic() > deadline:
+            raise OutOfTime
         part = waiting.pop()
         if _stable(shifted(characteristic(case, part), sigma)):
             continue
@@ -119,12 +136,31 @@ def decays(case: Case, at: Numbers, sigma: Fraction) -> bool:
     return True
 
 
+def too_slow(case: Case, at: Numbers, sigma: Fraction) -> bool:
+    """Whether some pole lies right of -sigma for certain, wherever in the ranges; False where that is not seen.
+
+    Were all left of it or on it, no coefficient in lambda + sigma and none of Hurwitz's determinants were negative.
+    """
+    p = shifted(characteristic(case, at), sigma)
+    return any(each.high < 0 for each in (*p, *_determinants(p)))
+
+
+def along(case: Case) -> list[Numbers]:
+    """What the loop of one body depends on at the corners of a scenario's signal, and where A is least between them."""
+    bodies = body(case.biped, (0.0,) * 7)
+    found = []
+    for column in [*corners(case.scenario), *nearest(bodies, case.scenario)]:
+        A, load = at_rest(bodies, case.scenario, column)
+        found.append(Numbers(I=bodies.I, ell=bodies.ell, AL=_shorter(A * bodies.L), load=_shorter(load)))
+    return found
+
+
 def rate(case: Case, at: Numbers) -> float:
     """The least decay rate [1/s] at the corners of the ranges."""
     if case.kind != "cop":
         at = replace(at, load=point(at.load.low))
-    corners = product(*(sorted({each.low, each.high}) for each in (at.I, at.ell, at.AL, at.load)))
-    points = (Numbers(**{name: point(end) for name, end in zip(NAMES, corner, strict=True)}) for corner in corners)
+    ends = product(*(sorted({each.low, each.high}) for each in (at.I, at.ell, at.AL, at.load)))
+    points = (Numbers(**{name: point(end) for name, end in zip(NAMES, corner, strict=True)}) for corner in ends)
     return min(decay_rate([float(each.low) for each in characteristic(case, its)]) for its in points)
 
 
@@ -140,6 +176,12 @@ def _stable(p: Sequence[Range]) -> bool:
     """Whether all monic polynomials with these coefficients are Hurwitz, (26)."""
     if not all(each.low > 0 for each in p):
         return False
-    if len(p) == 4:
-        return bool((p[2] * (p[0] * p[1] - p[2]) - p[0] * p[0] * p[3]).low > 0)
-    return len(p) == 2 or bool((p[0] * p[1] - p[2]).low > 0)
+    return all(each.low > 0 for each in _determinants(p)[-1:])
+
+
+def _determinants(p: Sequence[Range]) -> list[Range]:
+    """Hurwitz's determinants beyond the coefficients of a monic polynomial of degree 2, 3 or 4."""
+    if len(p) == 2:
+        return []
+    second = p[0] * p[1] - p[2]
+    return [second] if len(p) == 3 else [second, p[2] * second - p[0] * p[0] * p[3]]

@@ -7,15 +7,18 @@ tube, times how far the state may be.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from design.proof.equations import Equations, Parts
-from design.proof.norm import dual
+from design.proof.norm import felt_signed as signed
 from design.proof.spans import Span, span
 from design.proof.taylor import UP, Model
+
+if TYPE_CHECKING:
+    from design.proof.windows import Norms
 
 Array = NDArray[np.float64]
 Series = dict[str, Array]
@@ -40,10 +43,10 @@ class Reach(NamedTuple):
             begin += length
 
 
-def reach_of(felt: Array, inverse: Array, D: Array) -> Reach:
-    """The reach of a tube of radius ``D`` (n,) in the norms of the matrices that have this ``inverse`` (n, m, m)."""
-    theta, omega = (UP * np.sqrt(inverse[:, j, j]) * D for j in (0, 1))
-    return Reach(theta, omega, UP * dual(inverse, list(felt), len(D)) * D)
+def reach_of(felt: Array, norms: Norms, D: Array) -> Reach:
+    """The reach of a tube whose blocks have radii ``D`` (n, m) in the ``norms``."""
+    gradients = (*np.eye(len(felt))[:2], signed(felt))
+    return Reach(*(UP * (norms.felt(gradient) * D).sum(axis=1) for gradient in gradients))
 
 
 def stiffness(parts: Parts, reach: Array) -> tuple[Array, Array]:
@@ -76,30 +79,23 @@ def gathering(equations: Equations, x: list[Model], parts: Parts, reach: Reach) 
     return gather, z.times(bend), z.times(2.0).times(omega).times(cosine)
 
 
-def quantities(equations: Equations, x: list[Model], parts: Parts, D: Array, inverse: Array) -> tuple[Series, Series]:
-    """Lower and upper bounds over pieces, in which the tube's radius is ``D`` (n,); ``inverse`` (n, m, m), of P."""
-    n, case = len(D), equations.case
-    p, felt = equations.numbers(n), case.felt.tolist()
+def quantities(equations: Equations, x: list[Model], parts: Parts, reach: Reach) -> tuple[Series, Series]:
+    """Lower and upper bounds over pieces, in a tube of this ``reach``."""
+    n, case = len(reach.theta), equations.case
+    p = equations.numbers(n)
     tau, turning, sine, load = parts.tau, parts.turning, parts.sine, parts.load
     lever = p["1/ell"] * tau
     toe, heel = (load - lever) * 0.5, (load + lever) * 0.5
-    # how fast they change with the state, anywhere in the tube
-    reach = UP * np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)).T * D
-    S = np.minimum(sine.size() + reach[0], 1.0)
-    W = x[1].size() + reach[1]
+    # how much they change within the reach, anywhere in the tube
+    S = np.minimum(sine.size() + reach.theta, 1.0)
+    W = x[1].size()
     pull = np.hypot(parts.moment.size(), parts.stiffness.size()) * UP
-    inertia = p["1/I"].size()
-    steepest = [pull + felt[0], *(np.full(n, each) for each in felt[1:])]
-    far = sum(part * move for part, move in zip(steepest, reach, strict=True))
-    T = turning.size() + inertia * far * UP
-    ML, short = (p["M"] * p["L"]).size(), p["1/ell"].size()
-    of_load = [ML * (inertia * part * S) for part in steepest]
-    of_load[0] = of_load[0] + ML * (T + W * W)
-    of_load[1] = of_load[1] + ML * 2 * W
-    of_force = [0.5 * (a + short * b) for a, b in zip(of_load, felt, strict=True)]
-    slack_force = UP * dual(inverse, of_force, n) * D
-    slack_load = UP * dual(inverse, of_load, n) * D
-    slack_torque = UP * dual(inverse, felt, n) * D
+    turned = UP * p["1/I"].size() * (pull * reach.theta + reach.tau)
+    moved = turned * S + turning.size() * reach.theta  # theta'' sin theta, omega² cos theta
+    moved = moved + reach.omega * (2 * W + reach.omega) + W**2 * reach.theta
+    slack_load = UP * UP * (p["M"] * p["L"]).size() * moved
+    slack_force = 0.5 * UP * (slack_load + UP * p["1/ell"].size() * reach.tau)
+    slack_torque = reach.tau
     low, high = {}, {}
     for id, model, slack in (("toe-force", toe, slack_force), ("heel-force", heel, slack_force),
                              ("torque", tau, slack_torque), ("load", load, slack_load)):  # fmt: skip

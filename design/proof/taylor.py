@@ -17,13 +17,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.polynomial.chebyshev import poly2cheb
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-DEGREE = 5
+DEGREE = 7
 ROUNDING = 2e-14
 UP = 1 + 1e-12
 TINY = 1e-300
@@ -90,15 +92,22 @@ class Model:
         return self.c[:, 0, 0]
 
     def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper bound (n,) over all v and p."""
-        middle = self.centre()
-        reach = _size(self.c) - np.abs(middle) + self.rest
-        reach = UP * (reach + ROUNDING * (_size(self.c) + self.rest) + TINY)
-        return middle - reach - ROUNDING * np.abs(middle), middle + reach + ROUNDING * np.abs(middle)
+        """Lower and upper bound (n,) over all v and p: the ends of the parabola in it, and the size of all else."""
+        c0, c1, c2 = (self.c[:, 0, d] for d in range(3))
+        others = self.c.copy()
+        others[:, 0, :3] = 0.0
+        reach = UP * (_least_sizes(others) + self.rest + ROUNDING * (_size(self.c) + self.rest) + TINY)
+        low, high = _parabola(c0, c1, c2), -_parabola(-c0, -c1, -c2)
+        return low - reach - ROUNDING * np.abs(low), high + reach + ROUNDING * np.abs(high)
 
     def size(self) -> Array:
-        """Bound (n,) of |f|."""
-        return np.asarray(UP * (_size(self.c) + self.rest))
+        """Bound (n,) of |f|: the sizes of its coefficients in Chebyshev's polynomials, none of which exceeds 1."""
+        return np.asarray(UP * (_least_sizes(self.c) + self.rest + ROUNDING * _size(self.c)))
+
+    def parted(self, m: int) -> Model:
+        """The same function in m n pieces: each piece cut into ``m`` of equal length."""
+        c = np.einsum("npd,jde->njpe", self.c, restrictions(m)).reshape(-1, *self.c.shape[1:])
+        return Model(c, UP * (np.repeat(self.rest + ROUNDING * _size(self.c), m) + TINY))
 
     def slope(self) -> Model:
         """The derivative along v, of a model without rest: of that very polynomial."""
@@ -144,10 +153,10 @@ def sine_and_cosine(x: Model) -> tuple[Model, Model]:
     d3 = d2 * d
     d4 = d2 * d2
     D = d.size()
-    even = 1.0 + d2 * -0.5 + d4 * (1 / 24)
-    odd = d + d3 * (-1 / 6)
-    even = Model(even.c, UP * (even.rest + D**6 / 720 + ROUNDING))
-    odd = Model(odd.c, UP * (odd.rest + D**5 / 120 + ROUNDING))
+    even = 1.0 + d2 * -0.5 + d4 * (1 / 24) + d3 * d3 * (-1 / 720)
+    odd = d + d3 * (-1 / 6) + d4 * d * (1 / 120)
+    even = Model(even.c, UP * (even.rest + D**8 / 40320 + ROUNDING))
+    odd = Model(odd.c, UP * (odd.rest + D**7 / 5040 + ROUNDING))
     s, c = (_piecewise(series(middle), x, np.full(len(middle), SINE_ERROR)) for series in (_sine, _cosine))
     return s * even + c * odd, c * even - s * odd
 
@@ -192,6 +201,32 @@ def _cosine(x: Array) -> Array:
 
 def _size(c: Array) -> Array:
     return np.asarray(np.abs(c).sum(axis=(1, 2)))
+
+
+TO_CHEBYSHEV = np.array([[*poly2cheb([0.0] * d + [1.0]), *[0.0] * (DEGREE - d)] for d in range(DEGREE + 1)])
+"""Row d: v^d in Chebyshev's polynomials; each entry is a fraction of 64, and so exact."""
+
+
+def _least_sizes(c: Array) -> Array:
+    """Bound (n,) of the polynomials, to within ``ROUNDING`` of ``_size``."""
+    return np.asarray(np.abs(c @ TO_CHEBYSHEV).sum(axis=(1, 2)))
+
+
+@lru_cache
+def restrictions(m: int) -> Array:
+    """(m, degree, degree): from coefficients in v to those in each m-th of the piece; exact where m is 2, 4 or 8."""
+    return np.array([
+        [[math.comb(d, e) * ((1 + 2 * j - m) / m) ** (d - e) * m**-e if e <= d else 0.0 for e in range(DEGREE + 1)]
+         for d in range(DEGREE + 1)]
+        for j in range(m)
+    ])  # fmt: skip
+
+
+def _parabola(c0: Array, c1: Array, c2: Array) -> Array:
+    """The least of c0 + c1 v + c2 v² for |v| <= 1, to within ``ROUNDING`` of the sizes of the three."""
+    inside = 2 * c2 > np.abs(c1)
+    turn = np.divide(c1 * c1, 4 * c2, out=np.zeros_like(c1), where=inside)
+    return np.where(inside, c0 - turn, c0 - np.abs(c1) + c2)
 
 
 def reciprocal(value: float, radius: float) -> tuple[float, float, float]:

@@ -181,6 +181,8 @@ def setting(spec: Spec) -> Setting:
         g=spec.simulation.gravity_mps2, skew=(toe - heel) / (toe + heel), height=foot.ankle_height_m,
     )  # fmt: skip
     bounds = spec.synthesis.bounds
+    tolerances = _tolerances(spec.uncertainty, biped)
+    _check_ramps(spec, tolerances)
     written = (spec.law.kp, spec.law.kd, spec.law.kf)
     return Setting(
         name=spec.name,
@@ -202,7 +204,7 @@ def setting(spec: Spec) -> Setting:
         tuning=_tuning(spec.mpc),
         fixed_weights=frozenset(spec.mpc.model_fields_set),
         sensors=_sensors(spec.noise),
-        tolerances=_tolerances(spec.uncertainty, biped),
+        tolerances=tolerances,
         study=spec.study,
     )
 
@@ -301,3 +303,17 @@ def _tolerances(table: UncertaintyTable, biped: Biped) -> Tolerances:
         message = f"is more than the mass itself, {biped.m:g}; needs at most that"
         raise BadInput(message, key="uncertainty.foot_mass_kg")
     return found
+
+
+def _check_ramps(spec: Spec, tolerances: Tolerances) -> None:
+    """Raise ``BadInput`` where the box holds a ramp that takes no time, or less."""
+    for table in spec.scenarios:
+        if not isinstance(table, SlopeTable | ForceTable) or table.ramp_s == 0.0:
+            continue
+        least, most = (tolerances.ramp.around(table.ramp_s, share) for share in (-1.0, 1.0))
+        if least <= 0:
+            message = (
+                f"lets the ramp of scenario {table.name!r} last from {least:g} to {most:g} s; needs a tolerance less"
+                f" than its {table.ramp_s:g} s"
+            )
+            raise BadInput(message, key="uncertainty.ramp_s")

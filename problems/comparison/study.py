@@ -126,7 +126,7 @@ def drawn(problem: Setting, scenario: str, trial: int, seed: int) -> Row:
         key: getattr(tolerances, name).around(getattr(body, name), share)
         for (key, name), share in zip(names.items(), shares[:5], strict=True)
     }
-    final, ramp = float(nominal.signal[0, -1]), float(nominal.times[-1])
+    final, ramp = nominal.angle, float(nominal.times[-1])
     tilts, grows = nominal.kind == "slope", nominal.kind in ("slope", "force") and ramp > 0
     return {
         "scenario": scenario, "trial": trial, "seed": seed, **numbers,

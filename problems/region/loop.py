@@ -144,7 +144,7 @@ def posed(setting: Setting, scenario: Scenario, gains: Gains) -> Loop:
     weight = M * g
     last = [float(part) for part in scenario.signal[:, -1]]
     if scenario.kind == "slope":
-        A, sine, cosine_ = weight, -_around(last[0], _sine), _around(last[0], cosine)
+        A, sine, cosine_ = weight, -_around(scenario.angle * last[0], _sine), _around(scenario.angle * last[0], cosine)
         down = weight * cosine_
     else:
         F_x, F_y = (-(M * number(last[0])), point(0)) if scenario.kind == "platform" else map(number, last)

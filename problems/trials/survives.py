@@ -50,7 +50,8 @@ def change(loop: ClosedLoop, gains: Gains, scenario: Scenario, step: float) -> C
     end = scenario.force_at(np.array([scenario.duration]))[:, 0]
     sloping = scenario.kind == "slope"
     limit = slope_limit(real)
-    now = float(scenario.signal[0, -1]) if sloping else float(end[0])
+    at_end = np.array([scenario.duration])
+    now = scenario.angle * float(scenario.signal_by(at_end, at_end)[0, 0]) if sloping else float(end[0])
     unit = limit if sloping else math.tan(limit) * (real.M * real.g - float(end[1]))
     to_force = slope_force(real)
 

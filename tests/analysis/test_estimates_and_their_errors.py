@@ -128,6 +128,27 @@ def test_a_body_within_its_tolerances_makes_no_larger_error_than_said_and_one_of
     assert share > 0.9
 
 
+def test_the_most_that_is_said_of_a_body_within_its_tolerances_holds_at_every_time():
+    wide = Tolerances(M=Spread(part=0.03), L=Spread(part=0.03), I=Spread(part=0.05), m=Spread(part=0.1),
+                      ell=Spread(part=0.02))  # fmt: skip
+    body = Biped(M=60.0, L=0.85, I=55.0, m=1.5, ell=0.12)
+    scenario = constant_force(name="w", F_x=30.0, F_y=-40.0, ramp=0.5, duration=3.0)
+
+    def estimated(real):
+        run = simulate(closed_loop(real, "force"), scenario, Gains(2500.0, 700.0, 0.4), 2e-3)
+        signals = evenly(Signals(run.t, run.theta, run.omega, run.F_T, run.F_H), 5e-3)
+        found = dynamic(body, signals, EXACT, wide, walk=500.0)
+        return np.abs(found.F - scenario.force_at(signals.t))[:, 20:], found.bias[:, 20:]
+
+    late, bias = estimated(body)
+    assert bias[0].max() > 2 * bias[0].mean()  # on the ramp, not a mean
+    rng = np.random.default_rng(1)
+    for shares in [*rng.choice([-1.0, 1.0], (6, 5)), *rng.uniform(-1, 1, (3, 5))]:
+        real, _ = wide.drawn(body, scenario, [*shares, 0.0, 0.0])
+        wrong, said = estimated(real)
+        assert (wrong <= said + 1.2 * late.max(axis=1, keepdims=True)).all()
+
+
 def test_a_changing_force_is_read_as_late_as_said():
     scenario = constant_force(name="growing", F_x=100.0, F_y=0.0, ramp=10.0, duration=9.0)
     signals = _signals(PAPER, scenario, period=0.01)

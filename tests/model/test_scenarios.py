@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from design.model.body import Biped
-from design.model.environment import constant_force, platform, profile, slope
+from design.model.environment import constant_force, platform, profile, slope, varied
 from design.model.plant import plant
 
 PAPER = Biped(M=50.0, L=0.75, I=50.0 * 0.75**2 / 4, m=0.1, ell=0.1)
@@ -165,7 +165,7 @@ def test_the_paper_s_slope_is_its_equation_22():
     steps = ramp.steps(0.001)
     alpha = np.where(steps.t < 5.0, math.pi / 6 * steps.t / 5.0, math.pi / 6)
     assert len(steps.h) == 10_000
-    assert steps.signal[0] == pytest.approx(alpha, rel=1e-14)
+    assert ramp.angle * steps.signal[0] == pytest.approx(alpha, rel=1e-14)
     assert steps.force[0] == pytest.approx(PAPER.M * PAPER.g * np.sin(alpha), rel=1e-13)
     assert steps.force[1] == pytest.approx(PAPER.M * PAPER.g * (1 - np.cos(alpha)), rel=1e-13, abs=1e-12)
 
@@ -188,13 +188,25 @@ def test_a_body_on_a_slope_moves_as_one_on_the_flat_seen_askew(alpha, theta, tau
 
 def test_a_sudden_slope_is_there_from_the_first_sample():
     steps = slope(PAPER, name="sudden", angle=0.1, ramp=0.0, duration=1.0).steps(0.01)
-    assert np.all(steps.signal == 0.1)
+    assert np.all(steps.signal == 1.0)
+    assert steps.force[0] == pytest.approx(np.full(101, PAPER.M * PAPER.g * math.sin(0.1)), rel=1e-14)
     assert len(steps.h) == 100
 
 
 def test_a_ramp_longer_than_the_run_is_cut():
-    steps = slope(PAPER, name="long", angle=0.4, ramp=4.0, duration=1.0).steps(0.01)
-    assert steps.signal[0, -1] == pytest.approx(0.1, rel=1e-14)
+    long = slope(PAPER, name="long", angle=0.4, ramp=4.0, duration=1.0)
+    assert long.angle * long.steps(0.01).signal[0, -1] == pytest.approx(0.1, rel=1e-14)
+
+
+@given(angle=st.sampled_from([0.0, 1e-9, 0.1, -0.2]), final=st.floats(-0.5, 0.5), ramp=st.floats(0.1, 4.0))
+@several
+def test_a_slope_varied_to_another_angle_is_that_slope_with_its_ramp_whatever_it_was(angle, final, ramp):
+    meant = slope(ADULT, name="s", angle=final, ramp=ramp, duration=5.0)
+    varied_one = varied(
+        slope(PAPER, name="s", angle=angle, ramp=1.0, duration=5.0), ADULT, slope=lambda _: final, ramp=lambda _: ramp
+    )
+    t = np.linspace(0.0, 5.0, 41)
+    assert varied_one.force_at(t) == pytest.approx(meant.force_at(t), rel=1e-12, abs=1e-12)
 
 
 # ---- other kinds

@@ -61,7 +61,7 @@ def _force(body, world):
     """(F_x, F_y) at the end, by (21) or as it is given."""
     last = world.signal[:, -1]
     if world.kind == "slope":
-        return body.M * body.g * math.sin(last[0]), body.M * body.g * (1 - math.cos(last[0]))
+        return body.M * body.g * math.sin(world.angle), body.M * body.g * (1 - math.cos(world.angle))
     return (-body.M * last[0], 0.0) if world.kind == "platform" else (last[0], last[1])
 
 

@@ -122,10 +122,10 @@ def test_the_world_of_a_trial_depends_on_its_number_alone_and_stays_within_the_t
     assert abs(one.biped.M - 50.0) <= 2.5
     assert one.biped.M != 50.0
     assert one.biped.L == 0.75
-    assert abs(math.degrees(one.scenario.signal[0, -1]) - 30.0) <= 1.0 + 1e-9
+    assert abs(math.degrees(one.scenario.angle) - 30.0) <= 1.0 + 1e-9
     assert abs(one.scenario.times[-1] - 5.0) <= 0.5 + 1e-9
     F_x, _ = one.scenario.force_at(np.array([10.0]))[:, 0]
-    assert F_x == pytest.approx(one.biped.M * 9.81 * math.sin(one.scenario.signal[0, -1]))
+    assert F_x == pytest.approx(one.biped.M * 9.81 * math.sin(one.scenario.angle))
 
 
 def test_draws_spread_over_the_whole_tolerance():
@@ -275,7 +275,7 @@ def test_a_wish_that_cannot_be_kept_does_not_cost_contact(name, written, wish):
         ended = _run(scenario, controller(name, problem, None, scenario), 0.005)
         assert not ended.lost
         if not wish.startswith("cop"):  # a hard CoP margin of 95 % keeps the body askew on a sudden slope
-            assert ended.states[0, -1] == pytest.approx(-scenario.signal[0, -1], abs=1e-3)
+            assert ended.states[0, -1] == pytest.approx(-scenario.angle, abs=1e-3)
 
 
 def test_measurements_from_before_the_start_agree_with_the_motion_that_they_show():

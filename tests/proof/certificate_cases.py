@@ -215,18 +215,30 @@ def tampered():
         found[f"pushes: {old} -> {new}"] = respelled(pushes, old, new)
     # the cover of the box
     # the norm
-    found["rate"] = changed(one, (*PART, "rate"), lambda value: 1.01 * value)
-    found["rate of zero"] = changed(one, (*PART, "rate"), lambda _: 0)
-    found["rate below zero"] = changed(one, (*PART, "rate"), lambda value: -value)
+    found["rate"] = changed(one, (*PART, "rates", 0), lambda value: 1.05 * value)
+    apart = written(builtin_text("slope-step"), STEP[2:])
+    blocks = json.loads(apart)["scenarios"][0]["tree"]["part"]["blocks"]
+    assert len(blocks) > 1
+    for b in range(len(blocks)):
+        for by, factor in (("more", 1.05), ("zero", 0), ("below zero", -1)):
+            found[f"rate {b} {by}"] = changed(apart, (*PART, "rates", b), lambda value, f=factor: f * value)
+        for c in range(len(blocks)):
+            if b != c:
+                found[f"coupling {b} {c}"] = changed(apart, (*PART, "couplings", b, c), lambda value: 0.5 * value)
+                found[f"coupling {b} {c} below zero"] = changed(apart, (*PART, "couplings", b, c), lambda value: -value)
+    found["a coupling without end"] = changed(apart, (*PART, "couplings"), lambda rows: [[1e6] * len(rows)] * len(rows))
+    found["one block"] = changed(apart, (*PART, "blocks"), lambda _: [3])
+    found["blocks of none"] = changed(apart, (*PART, "blocks"), lambda sizes: [*sizes, 0])
+    found["blocks of too many"] = changed(apart, (*PART, "blocks"), lambda sizes: [*sizes, 1])
     found["reach"] = changed(one, (*PART, "reach"), lambda value: 1e-4 * value)
     found["reach below zero"] = changed(one, (*PART, "reach"), lambda value: -value)
-    for i, j in ((0, 0), (1, 1), (2, 2)):
-        for factor in (-1, 0.5, 2):
-            found[f"norm {i} {j} times {factor}"] = changed(
-                one, (*PART, "norm", i, j), lambda value, f=factor: f * value
-            )
-    found["norm 1 0"] = changed(one, (*PART, "norm", 1, 0), lambda value: 2 * value)
-    found["norm 2 0"] = changed(one, (*PART, "norm", 2, 0), lambda value: -value)
+    for i in range(3):
+        for j in range(3):
+            found[f"frame {i} {j}"] = changed(apart, (*PART, "frame", i, j), lambda value: -value)
+    found["a frame that forgets a state"] = changed(apart, (*PART, "frame"), lambda rows: [rows[0], rows[1], rows[1]])
+    found["a frame of zeros"] = changed(
+        apart, (*PART, "frame"), lambda rows: [[0 * each for each in row] for row in rows]
+    )
     # the trajectory
     pieces = (*PART, "segments", 0)
     for number in (0, 40, -1):
@@ -309,10 +321,13 @@ def weaker():
     lower = {"toe-force": -1.0, "heel-force": -1.0, "cop-margin": -1e-3, "torque": 1.0}
     found = {f"less {row}": changed(one, (*CLAIMS, row), lambda value, by=by: value + by) for row, by in lower.items()}
     found["slower"] = changed(one, (*CLAIMS, "decay-rate"), lambda value: 0.5 * value)
-    found["a smaller rate"] = changed(one, (*PART, "rate"), lambda value: 0.999 * value)
+    found["smaller rates"] = changed(one, (*PART, "rates"), lambda rates: [0.999 * rate for rate in rates])
+    found["wider couplings"] = changed(
+        one, (*PART, "couplings"), lambda rows: [[1.001 * each for each in row] for row in rows]
+    )
     found["a wider reach"] = changed(one, (*PART, "reach"), lambda value: 1.5 * value)
     found["the norm in other units"] = changed(
-        one, (*PART, "norm"), lambda rows: [[2 * each for each in row] for row in rows]
+        one, (*PART, "frame"), lambda rows: [[2 * each for each in row] for row in rows]
     )
     found["an eased demand"] = respelled(one, "contact_force_n = 20.0", "contact_force_n = { min = 40.0, soft = true }")
     found["no demand on the torque"] = respelled(one, "torque_nm = 60.0", "torque_nm = { max = 6.0, soft = true }")

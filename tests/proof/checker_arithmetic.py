@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import mpmath
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov
+from scipy.linalg import expm, solve_continuous_lyapunov
 
 
 def value(balls, ball, v, p, share):
@@ -180,17 +180,123 @@ def check_linear(linear):
             P = 0.5 * (P + P.T)
             root = np.linalg.inv(np.linalg.cholesky(P).T)
             rate = -0.5 * np.linalg.eigvalsh(root.T @ (P @ J + J.T @ P) @ root).max()
-            exact = [[Fraction(float(each)) for each in row] for row in P]
+            lower = [[Fraction(float(each)) for each in row[: i + 1]] for i, row in enumerate(P)]
             for share in (0.999, 1.001, 0.0, -1.0):
-                kept = True
-                try:
-                    linear.check_contraction(exact, Fraction(float(share * rate)), gains, ranges)
-                except Exception as error:
-                    assert "contract" in str(error)
-                    kept = False
-                assert kept == (share == 0.999)
+                part = {"norm": lower, "rate": Fraction(float(share * rate))}
+                assert _contracts(linear, part, gains, ranges) == (share == 0.999)
+            _check_blocks(linear, J, gains, ranges)
+    try:
+        linear.inverted([[Fraction(1), Fraction(2)], [Fraction(2), Fraction(4)]])
+    except Exception as error:
+        assert "tell all states apart" in str(error)
+    else:
+        raise AssertionError
     ends = [(Fraction(1), Fraction(2)), (Fraction(3), Fraction(4)), (Fraction(5), Fraction(6))]
     assert set(linear.corners(*ends)) == {(G, 1 / I, 1 / ell) for G in ends[0] for I in ends[1] for ell in ends[2]}
+
+
+def exactly(part):
+    """A part with its numbers as a certificate is read: fractions."""
+    if isinstance(part, dict):
+        return {key: value if key == "blocks" else exactly(value) for key, value in part.items()}
+    return [exactly(each) for each in part] if isinstance(part, list) else Fraction(part)
+
+
+def _contracts(linear, part, gains, ranges):
+    try:
+        linear.check_contraction(linear.norm_of(exactly(part), len(gains)), gains, ranges)
+    except Exception as error:
+        assert any(word in str(error) for word in ("contract", "drive", "rates"))
+        return False
+    return True
+
+
+def _check_blocks(linear, J, gains, ranges):
+    """Rates and couplings of blocks, by numpy, and each of them a hair too good."""
+    n = len(J)
+    S = np.round(np.eye(n) + 0.3 * np.random.default_rng(2).standard_normal((n, n)), 3) * np.array([60.0, 5.0, 1.0])[:n]
+    modes = np.linalg.eig(J)[1]
+    if abs(modes.imag).max() == 0:
+        S = np.linalg.inv(modes.real)
+    K, blocks = S @ J @ np.linalg.inv(S), [1, n - 1]
+    parts = [[K[:1, :1], K[:1, 1:]], [K[1:, :1], K[1:, 1:]]]
+    rates = [-0.5 * np.linalg.eigvalsh(parts[b][b] + parts[b][b].T).max() for b in range(2)]
+    couplings = [[0.0, np.linalg.norm(parts[0][1])], [np.linalg.norm(parts[1][0]), 0.0]]
+    for b in range(2):
+        for off in (-1e-6, 1e-6):
+            part = {
+                "frame": S.tolist(),
+                "blocks": blocks,
+                "rates": list(rates),
+                "couplings": [row[:] for row in couplings],
+            }
+            part["rates"] = [rate - 1e-5 for rate in rates]
+            part["couplings"] = [[each + 1e-5 for each in row] for row in couplings]
+            part["rates"][b] = rates[b] + off
+            good = min(part["rates"]) > 0
+            assert _contracts(linear, part, gains, ranges) == (good and off < 0)
+            part["rates"][b] = rates[b] - 1e-5
+            part["couplings"][b][1 - b] = max(couplings[b][1 - b] - off, 0.0)
+            kept = min(part["rates"]) > 0 and (off < 0 or couplings[b][1 - b] == 0)
+            assert _contracts(linear, part, gains, ranges) == kept
+    for key, bad in (("blocks", [n]), ("blocks", [1, n]), ("blocks", [0, n]), ("rates", [1.0]), ("couplings", [[0.0]]),
+                     ("couplings", [[0.0, -1e9], [1e9, 0.0]]), ("frame", S[:1].tolist())):  # fmt: skip
+        part = {"frame": S.tolist(), "blocks": blocks, "rates": [1e-9, 1e-9], "couplings": [[0.0, 1e9], [1e9, 0.0]]}
+        assert not _refused(linear, part, n) or min(rates) <= 0
+        assert _refused(linear, {**part, key: bad}, n)
+
+
+def _refused(linear, part, n):
+    try:
+        linear.norm_of(exactly(part), n)
+    except Exception as error:
+        assert "norm" in str(error) or "blocks" in str(error)
+        return True
+    return False
+
+
+def _norm(tube, P):
+    """The norm of a matrix P, with some rate."""
+    return tube.norm_of({"norm": [row[: i + 1] for i, row in enumerate(P)], "rate": Fraction(1)}, len(P))
+
+
+def check_blocks(tube):
+    """Over a piece the blocks stay within the bounds: by the exponential of their comparison system."""
+    rng = np.random.default_rng(17)
+    one = tube.ONE
+    numbers = {"M": 50.0, "L": 0.75, "I": 7.0, "m": 2.0, "ell": 0.1, "slope": 0.0, "ramp": 0.0}
+    box = {name: (Fraction(repr(each)), Fraction(0)) for name, each in numbers.items()}
+    gains = [Fraction(3500), Fraction(600), Fraction(5)]
+    for turn in range(12):
+        S = rng.standard_normal((3, 3))
+        rates, couplings = rng.uniform(0.5, 5.0, 3), rng.uniform(0.0, 1.2, (3, 3)) * (1 - np.eye(3))
+        part = {"frame": S.tolist(), "blocks": [1, 1, 1], "rates": rates.tolist(), "couplings": couplings.tolist()}
+        loop = tube._Loop({"law": {}}, {"kind": "force"}, gains, Fraction("9.81"), box, tube.norm_of(exactly(part), 3))
+        vector = rng.uniform(0, 1, 3)
+        bound = np.array(loop.norms([int(each * one) for each in vector])) / one
+        assert (np.abs(S) @ vector <= bound * (1 + 1e-12)).all()
+        assert (bound < np.abs(S) @ vector * (1 + 1e-9) + 1e-9).all()
+        assert np.allclose(np.array(loop.felt) / one, np.abs(np.array([-3500, -600, 5]) @ np.linalg.inv(S)), rtol=1e-9)
+        A, h = couplings - np.diag(rates), (0.01, 0.3, 3.0)[turn % 3]
+        radius = np.abs(np.linalg.eigvals(np.minimum(h, 1 / rates)[:, None] * couplings)).max()
+        D, added = rng.uniform(0, 1, 3), rng.uniform(0, 0.3, 3)
+        stretch = 1.1
+        try:
+            over, last = loop.within([int(each * one) for each in D], [int(each * one) for each in added],
+                                     Fraction(h), Fraction(h * stretch))  # fmt: skip
+        except Exception as error:
+            assert "without end" in str(error)
+            assert radius > 0.9
+            continue
+        assert radius < 1
+        for length in (h, h * stretch):  # the same defect in all, or at once as far as it can
+            for t in np.linspace(0, length, 40):
+                state = expm(A * t) @ D + np.linalg.solve(A, (expm(A * t) - np.eye(3)) @ (added / length))
+                assert (state <= np.array(over) / one).all()
+            assert (state <= np.array(last) / one).all()
+        if radius < 0.8:
+            K = 1.05 * np.minimum(h * stretch, 1 / rates)[:, None] * couplings
+            assert (np.array(over) / one <= np.linalg.solve(np.eye(3) - K, 1.05 * (D + added))).all()
 
 
 def check_errors(tube):
@@ -210,8 +316,9 @@ def check_errors(tube):
         P = [[metric[0], Fraction(0)], [Fraction(0), metric[1]]]
         gains = [Fraction(repr(each)) for each in K]
         loop = tube._Loop(
-            {"law": {"desired_angle_deg": Fraction(40)}}, {"kind": "force"}, gains, Fraction("9.81"), box, P
-        )
+            {"law": {"desired_angle_deg": Fraction(40)}}, {"kind": "force"}, gains, Fraction("9.81"), box,
+            _norm(tube, P),
+        )  # fmt: skip
         x = [tube.Ball(tube.constant(Fraction(repr(each))).rows) for each in middle]
         parts = loop.parts(x, [tube.constant(Fraction(0))] * 2)
 
@@ -221,7 +328,7 @@ def check_errors(tube):
             return tau, m * 9.81 + M * 9.81 - M * L * (turning * np.sin(theta) + omega**2 * np.cos(theta))
 
         for radius in (1e-4, 1e-2):
-            tau_off, load_off = (each / one for each in loop.errors(x, parts, int(radius * one)))
+            tau_off, load_off = (each / one for each in loop.errors(x, parts, [int(radius * one)]))
             far = [0.0, 0.0]
             for way in rng.standard_normal((200, 2)):
                 y = np.array(middle) + way / np.linalg.norm(way) * radius / np.sqrt([float(each) for each in metric])
@@ -250,7 +357,8 @@ def check_tube(tube):
             metric_n = metric[:n, :n]
             toward = np.linalg.inv(np.linalg.cholesky(metric_n).T)
             gains = [Fraction(repr(each)) for each in K]
-            loop = tube._Loop(spec, {"kind": kind}, gains, Fraction("9.81"), box, [row[:n] for row in P[:n]])
+            norm = _norm(tube, [row[:n] for row in P[:n]])
+            loop = tube._Loop(spec, {"kind": kind}, gains, Fraction("9.81"), box, norm)
             middle = [0.3, 3.0, 20.0][:n]
             x = [tube.constant(Fraction(repr(each))) for each in middle]
             x = [tube.Ball(each.rows) for each in x]
@@ -280,7 +388,7 @@ def check_tube(tube):
             for radius in (1e-3, 3e-2):
                 found = tube.Found(toe=[], heel=[], cop=[], torque=[], G=[])
                 reach = int(radius / np.sqrt(1 / np.linalg.inv(metric_n)[0, 0]) * one) + 9
-                loop.read(x, parts, int(radius * one), Fraction("0.01"), reach, found)
+                loop.read(x, parts, [int(radius * one)], Fraction("0.01"), reach, found)
                 for _ in range(200):
                     way = rng.standard_normal(n)
                     y = np.array(middle) + toward @ way / np.linalg.norm(way) * radius
@@ -291,9 +399,10 @@ def check_tube(tube):
                     assert min(found.cop) / one <= (ell - 0.01) * load - abs(tau)
                     assert min(found.G) / one <= G <= max(found.G) / one
                     assert abs(y[0] - middle[0]) * one <= found.reach
-            few = [3, 1, 2][:n]
-            least = sum(a * b * size for a, row in zip(few, loop.sizes) for b, size in zip(few, row))  # noqa: B905
-            assert least <= loop.norm(few) ** 2 << 64 <= least + (8 * loop.norm(few) << 64)
-            off = np.abs(rng.standard_normal(n))
-            bound = loop.norm([int(each * one) for each in off]) / one
-            assert np.sqrt(off @ np.abs(metric_n) @ off) <= bound * (1 + 1e-12) < 1.001 * bound
+            off = rng.standard_normal(n)
+            bound = loop.norms([int(abs(each) * one) for each in off])[0] / one
+            assert np.sqrt(off @ metric_n @ off) <= bound * (1 + 1e-12)
+            few = [3 * one, one, 2 * one][:n]
+            rows = np.array([[float(each) for each in row] for row in norm.S])
+            size = np.sqrt((np.array(norm.weights, float) * (np.abs(rows) @ np.array([3.0, 1.0, 2.0][:n])) ** 2).sum())
+            assert size <= loop.norms(few)[0] / one * (1 + 1e-14) < size * (1 + 1e-9)

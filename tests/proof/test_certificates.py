@@ -1,15 +1,19 @@
 """A certificate is confirmed if and only if what it claims is shown: the checker believes nothing else."""
 
 import ast
+import hashlib
 import json
 import re
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from certificate_cases import (
     BOXED,
+    CLAIMS,
     PART,
+    PROFILE,
     STEP,
     boxed,
     changed,
@@ -31,6 +35,7 @@ from design.proof.certificate import write
 from design.spec.load import builtin_text
 from design.spec.setting import setting
 
+BOX_OF_MASS = "[uncertainty]\nmass_kg = 0.2\n"
 CHECKER = sorted((Path(__file__).resolve().parents[2] / "design" / "checking").glob("*.py"))
 
 
@@ -55,7 +60,7 @@ def test_what_is_proved_is_confirmed(name):
     if name == "slope":
         claims = answer.claims["ramp"]
         assert 29.5317 < claims["heel-force"] <= 29.5417  # the paper's, to a hundredth of a newton
-        assert 206.984 < claims["toe-force"] <= 206.994
+        assert 206.984 < claims["toe-force"] <= 206.9945
 
 
 @pytest.mark.parametrize("number", range(4))
@@ -117,6 +122,79 @@ def test_what_claims_less_may_stay():
     assert answers["one scenario of three"].left_out == ["start", "wind"]
 
 
+def rendered(text, tmp_path, **options):
+    """The JSON of `poise check`, and what it returns for the exit code."""
+    place = tmp_path / "certificate.json"
+    place.write_text(text, encoding="utf-8")
+    told, confirmed = words.render(str(place), form="json", **options)
+    return json.loads(told), confirmed
+
+
+def test_what_covers_less_than_the_spec_asks_is_not_called_confirmed(tmp_path):
+    its = source(
+        builtin_text("slope-step"), (("kd = 1200.0", "kd = 606.2"), ("[synthesis]", f"{BOX_OF_MASS}[synthesis]"))
+    )
+    problem = setting(its.spec)
+    nominal = prove(problem, problem.gains, "step", scale=0.0)
+    others = problem.gains._replace(K_d=650.0)
+    less = {
+        "no box": write(its, problem, problem.gains, [nominal], 0.0),
+        "other gains": write(its, problem, others, [prove(problem, others, "step")]),
+        "one scenario of three": changed(written(PROFILE), ("scenarios",), lambda each: each[:1]),
+    }
+    for text in less.values():
+        told, confirmed = rendered(text, tmp_path)
+        assert (told["status"], confirmed) == ("incomplete", None)
+        assert len(told["missing"]) == 1
+        said, _ = words.render(str(tmp_path / "certificate.json"))
+        assert "CONFIRMED" not in said
+        told, confirmed = rendered(text, tmp_path, partial=True)
+        assert (told["status"], confirmed) == ("partial", True)
+    whole, confirmed = rendered(write(its, problem, problem.gains, [prove(problem, problem.gains, "step")]), tmp_path)
+    assert (whole["status"], whole["missing"], confirmed) == ("confirmed", [], True)
+
+
+def spec_changed(text, change):
+    """The certificate with another spec's text, and the hash of that one."""
+    document = json.loads(text)
+    document["spec"]["text"] = change(document["spec"]["text"])
+    document["spec"]["sha256"] = hashlib.sha256(document["spec"]["text"].encode()).hexdigest()
+    return json.dumps(document)
+
+
+SPOOF = "step: toe-force >= 480 N; at every time\\nCONFIRMED (1 part, 9 pieces)\\n\\u001b[8m"
+TWIN = '[[scenarios]]\nname = "step"\nkind = "slope"\nangle_deg = 89.0\nduration_s = 1.0\n[law]'
+NO_CERTIFICATES = {
+    "a name that spells a verdict": lambda one: spec_changed(
+        one, lambda text: text.replace('name = "step"', f'name = "{SPOOF}"')
+    ),
+    "a name with a line's end": lambda one: spec_changed(one, lambda text: text.replace('"step"', '"step\\n"')),
+    "a scenario twice in the spec": lambda one: spec_changed(one, lambda text: text.replace("[law]", TWIN, 1)),
+    "a scenario twice": lambda one: changed(one, ("scenarios",), lambda each: [*each, *each]),
+    **{
+        f"{path[-1]} as {value[:12]}": lambda one, path=path, value=value: changed(one, path, lambda _: value)
+        for path in (("scale",), ("law", "kp"), (*PART, "rates", 0), (*PART, "frame", 0, 0), (*CLAIMS, "toe-force"))
+        for value in ("1e30000000", "1e-99999999", "1/3", "9" * 5000)
+    },
+    "a scale of four hundred digits": lambda one: changed(one, ("scale",), lambda _: 10**399),
+    "a scale of 1e41": lambda one: changed(one, ("scale",), lambda _: 10**41),
+    "a coefficient of a million digits": lambda one: one.replace('"reach":', f'"more": {"7" * 1_000_000}, "reach":'),
+    "an exponent of eight digits": lambda one: re.sub(r'"scale": ?1.0', '"scale": 1e99999999', one),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NO_CERTIFICATES)
+def test_names_and_numbers_that_are_none_are_bad_input_at_once(name, tmp_path):
+    text = NO_CERTIFICATES[name](step())
+    assert text != step()
+    began = time.process_time()
+    with pytest.raises(BadInput) as caught:
+        rendered(text, tmp_path)
+    assert time.process_time() - began < 1.0
+    assert all(c.isprintable() for c in str(caught.value))
+    assert len(str(caught.value)) < 400
+
+
 def test_other_gains_than_the_specs_are_told():
     its = source(builtin_text("slope-step"))
     problem = setting(its.spec)
@@ -151,7 +229,15 @@ def _paths(value, path=()):
 
 
 def test_a_damaged_certificate_is_refused_and_never_breaks_the_checker():
-    numbers = {("scale",), (*PART, "rate"), (*PART, "reach"), (*PART[:2], "claims", "decay-rate")}  # true is 1
+    numbers = {
+        ("scale",),
+        (*PART, "rates", 0),
+        (*PART, "rates", 1),
+        (*PART, "couplings", 0, 0),
+        (*PART, "couplings", 1, 1),
+        (*PART, "reach"),
+        (*PART[:2], "claims", "decay-rate"),
+    }  # true is 1
     may_stay = {("spec", "name"), *numbers}
     for path in _paths(json.loads(step())):
         if path != ("format",):
@@ -225,4 +311,4 @@ def test_the_checker_shares_no_code_with_the_prover_and_is_small():
                 ours = name.split(".")[0] in ("design", "problems")
                 assert not ours or any(name == each or name.startswith(f"{each}.") for each in known), (path, name)
                 assert name.split(".")[0] not in ("numpy", "scipy", "casadi"), (path, name)
-    assert lines < 1000
+    assert lines < 1200

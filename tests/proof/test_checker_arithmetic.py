@@ -40,6 +40,10 @@ def test_the_edge_of_a_wide_tube_lies_within_its_bounds():
     checker_arithmetic.check_tube(tube)
 
 
+def test_blocks_that_drive_each_other_stay_within_their_bounds():
+    checker_arithmetic.check_blocks(tube)
+
+
 def test_each_way_in_which_a_state_that_is_off_moves_the_load_is_counted():
     checker_arithmetic.check_errors(tube)
 
@@ -169,6 +173,7 @@ def killed(name, tree, cases, seconds=60.0):
         if name == "tube":
             checker_arithmetic.check_tube(modules["tube"])
             checker_arithmetic.check_errors(modules["tube"])
+            checker_arithmetic.check_blocks(modules["tube"])
         first = cases[0][0]
         for digest, truth in ((json.loads(first)["spec"]["sha256"], True), ("0" * 64, False)):
             answer = modules["verdict"].check(given_time(first), sha256=digest)

@@ -27,6 +27,8 @@ WIDE = Tolerances(
 WORLDS = {
     "ramp": slope(BODY, name="w", angle=math.radians(10), ramp=1.5, duration=3.0),
     "flat": slope(BODY, name="w", angle=0.0, ramp=0.0, duration=2.0),
+    "about none": slope(BODY, name="w", angle=0.0, ramp=1.5, duration=3.0),
+    "either way": slope(BODY, name="w", angle=math.radians(0.7), ramp=1.0, duration=2.0),
     "wind": constant_force(name="w", F_x=-40.0, F_y=25.0, ramp=1.0, duration=2.0),
     "train": platform(BODY, name="w", points=np.array([[0.0, 0.0], [0.5, 0.6], [0.5, -0.3]]), duration=2.0),
     "push": profile(name="w", points=np.array([[0.0, 0.0, 0.0], [0.3, 30.0, -20.0], [0.4, 0.0, 0.0]]), duration=1.0),

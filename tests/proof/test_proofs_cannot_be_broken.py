@@ -23,7 +23,7 @@ from design.proof import exact, poles
 from design.proof.box import prove
 from design.proof.case import Case, NotProved
 from design.proof.jacobian import jacobian
-from design.proof.norm import contracts, inverted, transfer
+from design.proof.norm import Norm, holds, inverted, settled, transfer
 from design.proof.tube import bounds
 from design.spec.load import load
 from design.spec.setting import setting
@@ -85,7 +85,9 @@ def test_at_every_time_the_nominal_run_lies_within_the_bounds_and_they_are_narro
         inside = np.append(np.diff(ran.t) > 0, True) & np.append(True, np.diff(ran.t) > 0)  # not both sides of a jump
         assert (found.low[row][piece] <= values + 2e-4)[inside].all()
         assert (found.high[row][piece] >= values - 2e-4)[inside].all()
-        assert np.median((found.high[row] - found.low[row])[piece]) < (0.5 if law == "force" else 1.0)
+        within = np.flatnonzero(found.t[1:] <= case.scenario.duration)  # what comes after may be more, or less
+        assert values.min() - found.low[row][within].min() < 0.1
+        assert found.high[row][within].max() - values.max() < 0.1
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -153,7 +155,12 @@ def test_an_integration_to_thirty_digits_lies_within_the_bounds(law):
             for row, value in (("heel-force", (load + tau / ell) / 2), ("toe-force", (load - tau / ell) / 2),
                                ("load", load), ("torque", abs(tau))):  # fmt: skip
                 assert found.low[row][piece] <= value <= found.high[row][piece], row
-            assert found.high["heel-force"][piece] - found.low["heel-force"][piece] < 5.0  # it moves within the piece
+            forces = []
+            for at in found.t[piece : piece + 2].tolist():
+                tau, _, load = parts(run(mpmath.mpf(at)))
+                forces.append(float((load + tau / ell) / 2))
+            assert found.low["heel-force"][piece] > min(forces) - 0.05
+            assert found.high["heel-force"][piece] < max(forces) + 0.05
 
 
 # ---- the paper's case
@@ -300,28 +307,62 @@ def test_the_range_of_A_holds_every_A_on_the_way(F_x, F_y, share):
         assert A * (1 - 1e-12) <= float(size.high)
 
 
-def test_a_contraction_that_is_claimed_too_fast_is_refused():
-    P = np.array([[2.0, 0.5], [0.5, 1.0]])
-    J = np.array([[-1.0, 0.2], [-0.3, -2.0]])
-    root = np.linalg.inv(np.linalg.cholesky(P).T)
-    rate = -0.5 * float(np.linalg.eigvalsh(root.T @ (P @ J + J.T @ P) @ root).max())
-    assert contracts(P, J, rate * (1 - 1e-9))
-    assert not contracts(P, J, rate * (1 + 1e-9))
-    assert not contracts(-P, J, -5.0)
-    assert (np.abs(inverted(P)) >= np.abs(np.linalg.inv(P)) * (1 - 1e-15)).all()
+def _norm(S, blocks, J):
+    """The least rates and couplings of the blocks of S J S^-1, by numpy."""
+    K, edges = S @ J @ np.linalg.inv(S), np.cumsum([0, *blocks])
+    parts = [[K[a:b, c:d] for c, d in itertools.pairwise(edges)] for a, b in itertools.pairwise(edges)]
+    rates = [-0.5 * np.linalg.eigvalsh(row[b] + row[b].T).max() for b, row in enumerate(parts)]
+    couplings = [[0.0 if b == c else np.linalg.norm(part) for c, part in enumerate(row)] for b, row in enumerate(parts)]
+    return Norm(S=S, blocks=blocks, rates=np.array(rates), couplings=np.array(couplings))
 
 
-@given(seed=st.integers(0, 1000), n=st.integers(2, 4))
+@pytest.mark.parametrize("blocks", [(3,), (1, 2), (2, 1), (1, 1, 1)])
+@given(seed=st.integers(0, 1000))
+@settings(deadline=None, max_examples=20)
+def test_rates_and_couplings_claimed_by_a_hair_too_good_are_refused(blocks, seed):
+    S, J = np.random.default_rng(seed).standard_normal((2, 3, 3))
+    norm = _norm(S, blocks, J)
+    more = 1e-9 * np.abs(np.linalg.inv(S)).max() * np.abs(S).max() * np.abs(J).max() * np.linalg.cond(S)
+    assert holds(replace(norm, rates=norm.rates - more, couplings=norm.couplings + more), [J])
+    for b in range(len(blocks)):
+        faster = norm.rates - more
+        faster[b] += 2 * more
+        assert not holds(replace(norm, rates=faster, couplings=norm.couplings + more), [J])
+        for c in range(len(blocks)):
+            if b != c:
+                looser = norm.couplings + more
+                looser[b, c] = norm.couplings[b, c] - more
+                assert not holds(replace(norm, rates=norm.rates - more, couplings=np.maximum(looser, 0.0)), [J])
+    assert (np.abs(inverted(S)) >= np.abs(np.linalg.inv(S)) * (1 - 1e-9)).all()
+
+
+@given(seed=st.integers(0, 1000), gain=st.floats(0.1, 1.5))
 @settings(deadline=None)
-def test_from_one_norm_to_another_no_vector_grows_by_more_than_the_factor(seed, n):
+def test_blocks_that_drive_each_other_have_a_limit_or_are_refused(seed, gain):
+    K = np.random.default_rng(seed).random((1, 3, 3)) * np.array([1e-6, 1.0, 1e6])
+    K = K / np.array([1e-6, 1.0, 1e6])[:, None]
+    radius = np.abs(np.linalg.eigvals(K[0])).max()
+    K *= gain / radius
+    if gain > 1:
+        with pytest.raises(NotProved, match="drive each other"):
+            settled(K)
+    elif gain < 0.99:
+        truth = np.linalg.inv(np.eye(3) - K[0])
+        assert (settled(K)[0] >= truth * (1 - 1e-12)).all()
+        assert (settled(K)[0] <= truth * (1 + 1e-6 / (1 - gain) ** 2)).all()
+
+
+@given(seed=st.integers(0, 1000), blocks=st.sampled_from([(3,), (1, 2), (1, 1, 1)]))
+@settings(deadline=None)
+def test_from_one_norm_to_another_no_error_is_lost(seed, blocks):
     rng = np.random.default_rng(seed)
-    before, after = (A @ A.T + 0.01 * np.eye(n) for A in rng.standard_normal((2, n, n)))
-    c = transfer(before, after)
-    way = rng.standard_normal((200, n))
-    ratio = np.sqrt(np.einsum("ni,ij,nj->n", way, after, way) / np.einsum("ni,ij,nj->n", way, before, way))
-    assert (ratio <= c).all()
-    top = np.linalg.eigvals(np.linalg.solve(before, after)).real.max()
-    assert c <= math.sqrt(top) * 1.001
+    before, after = (
+        _norm(S, b, -np.eye(3)) for S, b in zip(rng.standard_normal((2, 3, 3)), (blocks, (2, 1)), strict=True)
+    )
+    C = transfer(before, after)
+    for x in rng.standard_normal((100, 3)):
+        sizes = [np.sqrt(norm.members @ (norm.S @ x) ** 2) for norm in (before, after)]
+        assert (sizes[1] <= C @ sizes[0] * (1 + 1e-12)).all()
 
 
 LAWS_OF_JACOBIAN = {"pd": ("pd", math.inf), **LAWS}

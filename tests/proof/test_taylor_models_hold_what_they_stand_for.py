@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from design.proof.norm import falls
 from design.proof.spans import Span
 from design.proof.taylor import DEGREE, Model, constant, inverse, reciprocal, sine_and_cosine
 
@@ -16,7 +17,7 @@ PIECES, PARAMETERS = 3, 2
 
 def _model(seed, size=1.0, rest=1e-3):
     rng = np.random.default_rng(seed)
-    scale = size * np.array([1.0, 0.3, 0.1, 0.03, 0.01, 0.003]) * np.array([1.0, 0.1, 0.02])[:, None]
+    scale = size * np.array([1.0, 0.3, 0.1, 0.03, 0.01, 0.003, 1e-3, 3e-4]) * np.array([1.0, 0.1, 0.02])[:, None]
     return Model(rng.standard_normal((PIECES, 1 + PARAMETERS, DEGREE + 1)) * scale, rest * rng.random(PIECES))
 
 
@@ -83,6 +84,27 @@ def test_bounds_hold_every_value(seed, place, share):
         assert abs(value) <= Fraction(float(model.size()[piece]))
 
 
+@given(seed=seeds, place=places, share=shares, m=st.sampled_from([2, 4, 8]))
+@settings(max_examples=60, deadline=None)
+def test_a_piece_cut_into_parts_holds_the_same_functions(seed, place, share, m):
+    whole = _model(seed)
+    parts = whole.parted(m)
+    v, *p = place
+    for piece in range(PIECES):
+        for j in range(m):
+            truth = _exact(whole, piece, (1 + 2 * j - m + Fraction(v)) / m, p, share)
+            assert _holds(parts, truth, m * piece + j, place)
+
+
+@given(x=st.floats(0.0, 800.0))
+def test_an_exponential_is_held(x):
+    least, most = falls(np.array([x]))
+    with mpmath.workdps(40):
+        truth = mpmath.exp(-mpmath.mpf(x))
+        assert mpmath.mpf(least[0]) <= truth <= mpmath.mpf(most[0])
+        assert x > 700 or most[0] - least[0] < (1e-6 + 1e-12 * x**5) * float(truth)
+
+
 @given(value=st.floats(0.01, 100.0), part=st.floats(0.0, 0.5), share=ends)
 def test_a_reciprocal_is_held(value, part, share):
     radius = part * value
@@ -113,7 +135,7 @@ def test_the_inverse_of_a_model_is_held(seed, place, share, size, middle):
 
 
 def test_what_may_be_zero_has_no_inverse():
-    model = Model(np.array([[[1.0, 0.6, 0.0, 0.0, 0.0, 0.0], [0.4, 0.0, 0.0, 0.0, 0.0, 0.0]]]), np.zeros(1))
+    model = Model(np.array([[[1.0, 0.6, *[0.0] * 6], [0.4, *[0.0] * 7]]]), np.zeros(1))
     for bad in (model, -model, constant(1, 0, 0.0)):
         with pytest.raises(ValueError, match="may be zero"):
             inverse(bad)

@@ -105,7 +105,7 @@ def test_the_slope_is_that_of_the_paper():
     biped = its.biped
     assert (biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g) == (50.0, 0.75, 7.03125, 0.1, 0.1, 9.81)
     assert biped.I == 50.0 * 0.75**2 / 4
-    assert its.scenarios[0].signal[0, -1] == pytest.approx(math.radians(30.0), rel=1e-15)
+    assert its.scenarios[0].angle == pytest.approx(math.radians(30.0), rel=1e-15)
     assert its.scenarios[0].times.tolist() == [0.0, 5.0]
     assert its.step == 0.001
 

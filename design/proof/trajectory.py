@@ -90,7 +90,8 @@ class _Loops:
         flow = np.empty_like(x)
         flow[..., 0], flow[..., 1] = omega, turning
         if self.case.kind == "cop":
-            load = self.m * self.g + down - self.M * self.L * (turning * sine + omega * omega * cosine)
+            foot = self.m * self.g - (self.m / self.M * F[1] if self.case.biped.ground_loads else 0.0)
+            load = foot + down - self.M * self.L * (turning * sine + omega * omega * cosine)
             flow[..., 2] = self.gathering * tau / (self.ell * load)
         elif self.size > 2:
             flow[..., 2] = tau / self.ell

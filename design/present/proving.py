@@ -9,9 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
-from design import checking
 from design.analysis.rows import Row, RowStatus, Verdict
-from design.checking import world
 from design.errors import BadInput
 from design.model.laws import Gains, LawKind
 from design.present import opening, store, terminal, text
@@ -101,11 +99,10 @@ def _no_certificate(source: Source, problem: Setting) -> str:
     """Why no certificate of this can be written; empty where one can."""
     if problem.law == "cop" or math.isfinite(problem.adapt):
         return UNCHECKED
-    try:
-        world.read(source.text)
-    except (checking.Refused, checking.Malformed, ValueError, ArithmeticError) as error:
-        return f"certificates are not for {error}"
-    return ""
+    from design.proof.certificate import uncovered
+
+    what = uncovered(source)
+    return f"certificates are not for {what}" if what else ""
 
 
 def proved_in(

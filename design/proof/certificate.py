@@ -298,6 +298,15 @@ def _decimal(value: float) -> Fraction:
     return Fraction(repr(float(value)))
 
 
+def uncovered(source: Source) -> str:
+    """What of a spec a certificate does not cover, in words; empty where it covers all."""
+    try:
+        world.read(source.text)
+    except (checking.Refused, checking.Malformed, ValueError, ArithmeticError) as error:
+        return str(error)
+    return ""
+
+
 def _below(units: int) -> float:
     """A number of seven digits that is not above so many 2^-64."""
     value = units / ONE

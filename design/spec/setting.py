@@ -18,6 +18,7 @@ from design.model.sensing import Sensors
 from design.model.standing import Place
 from design.model.tuning import Tuning
 from design.model.uncertainty import Spread, Tolerances
+from design.spec.load import parse
 from design.spec.schema import (
     AnyScenario,
     ForceTable,
@@ -167,6 +168,11 @@ def parse_gains(text: str, kind: LawKind) -> Gains:
         message = f"is {text[:60]!r}; needs three numbers from 0 to 1e9, as in --gains 3500,1200,1"
         raise BadInput(message, key="--gains")
     return Gains(*numbers)
+
+
+def setting_of(text: str) -> Setting:
+    """The setting of a spec's ``text``, which may begin with a byte-order mark; raises ``BadInput``."""
+    return setting(parse(text.removeprefix("\ufeff"), origin="the certificate's spec").spec)
 
 
 def setting(spec: Spec) -> Setting:

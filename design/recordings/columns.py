@@ -12,10 +12,10 @@ import numpy as np
 from design.errors import BadInput
 from design.recordings import names as usual
 from design.recordings.reading import Reading
+from design.recordings.selection import ROLES, Wish, listed, parse
 from design.recordings.table import Array, Table
 from design.recordings.units import FACTORS, Kind, bracketed, factor
 from design.recordings.units import listed as units_listed
-from design.recordings.wishes import ROLES, Wish, listed, parse
 
 EXAMPLE = "--columns time=NAME:s,fz=NAME:N,cop=NAME:cm"
 KINDS: dict[str, Kind] = {

@@ -68,7 +68,8 @@ def read(path: str, how: Reading) -> Table:
 
 
 def _table(content: bytes, path: str, how: Reading) -> Table:
-    from design.recordings import binary, text
+    from design.recordings import numpy_files as binary
+    from design.recordings import text
 
     if not content:
         message = "is empty; needs a recording with one row a sample"

@@ -19,6 +19,8 @@ NEAR = 0.15
 """A mean force further than this part from the weight is remarked upon."""
 LIGHT, HEAVY = 0.6, 1.6
 """A mean force beyond these parts of the weight of the spec is refused: one of two plates, or another unit."""
+SWAY = 0.02
+"""How far the CoP of a standing person usually moves [m]: the order in which units are proposed."""
 MASSES = (20.0, 200.0)
 """Masses of a standing person [kg], where no spec says another."""
 WITHOUT = Remedy(options={"my": "none"}, when=" to leave the moment out", last=True)
@@ -37,7 +39,7 @@ def in_units(role: str, columns: str, kind: Kind, now: str, ratio: float, most: 
 
 
 def weight(
-    mean: float, quantity: Quantity, biped: Biped, *, given: bool, file: str, usual: Remedy | None = None
+    mean: float, quantity: Quantity, biped: Biped, *, given: bool, file: str, usual: tuple[Remedy, ...] = ()
 ) -> list[str]:
     """Compare the ``mean`` vertical force [N] with the weight of ``biped``, or (not ``given``) with a person's.
 
@@ -68,10 +70,10 @@ def weight(
     return []
 
 
-def _unlike(message: str, where: str, ratio: float, quantity: Quantity, file: str, usual: Remedy | None) -> Misfit:
+def _unlike(message: str, where: str, ratio: float, quantity: Quantity, file: str, usual: tuple[Remedy, ...]) -> Misfit:
     """The refusal of a vertical force that is ``ratio`` times the weight, with its likely reasons."""
     remedies = in_units("fz", quantity.columns, "force", quantity.unit, ratio, 0.35)
-    remedies += [replace(usual, last=True)] if usual is not None else []
+    remedies += [replace(remedy, last=True) for remedy in usual]
     otherwise = "give the right column and unit: --columns fz=COLUMN:UNIT, or another --spec"
     if ratio < 0:
         message += "; it is negative and positive by turns: no plate's load is"
@@ -79,8 +81,8 @@ def _unlike(message: str, where: str, ratio: float, quantity: Quantity, file: st
         message += "; it looks like a horizontal component"
         otherwise = "give --up, or fz=COLUMN of the vertical one"
     elif 0.09 <= ratio < 0.7:
-        message += "; is it one of two plates?"
-        otherwise = "join them: fz=COLUMN1+COLUMN2, or give another --spec"
+        message += "; is it one of two plates, or another body's?"
+        otherwise = "join the plates, fz=COLUMN1+COLUMN2, or give that body's --spec"
     return Misfit(message, file=file, key=where, remedies=remedies, otherwise=otherwise)
 
 
@@ -154,11 +156,15 @@ def reach(
     if spread > 4 * ell:
         message = f"{what} moves over {spread:.4g} m, and the foot is {2 * ell:g} m long"
         smaller = [unit for unit, scale in FACTORS[kind].items() if scale < FACTORS[kind][quantity.unit]]
-        likely = [unit for unit in smaller if spread * FACTORS[kind][unit] / FACTORS[kind][quantity.unit] <= 2 * ell]
+        sway = {unit: spread * FACTORS[kind][unit] / FACTORS[kind][quantity.unit] for unit in smaller}
+        likely = sorted((unit for unit in sway if sway[unit] <= 2 * ell), key=lambda u: abs(math.log(sway[u] / SWAY)))
         remedies = [
-            Remedy(options={role: f"{quantity.columns}:{unit}"}, when=f" (it fits if the column is in {unit})")
-            for unit in likely[:1]
-        ]
+            Remedy(
+                options={role: f"{quantity.columns}:{unit}"},
+                when=f" (it fits if the column is in {unit}: then the CoP moves over {1e3 * sway[unit]:.3g} mm)",
+            )
+            for unit in likely[:2] if sway[unit] > 0.01 * ell
+        ]  # fmt: skip
         raise Misfit(message, file=file, key=where, remedies=remedies, otherwise="check columns and units")
     if 1e-9 < spread < 0.01 * ell and seconds > 2 and quantity.unit != "m" and role == "cop" and not confirmed:
         message = f"{what} moves over only {1e3 * spread:.3g} mm, which no standing person's does; is it in m?"

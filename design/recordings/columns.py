@@ -17,7 +17,7 @@ from design.recordings.names import Known
 from design.recordings.plates import Plate, Quantity
 from design.recordings.reading import Reading
 from design.recordings.remedies import Misfit, Remedy
-from design.recordings.selection import ROLES, Parts, Selection, joined, listed, parse
+from design.recordings.selection import ROLES, Parts, Selection, joined, listed, negated, parse
 from design.recordings.table import Array, Table
 from design.recordings.text import ALLOW_GAPS
 from design.recordings.units import FACTORS, Kind, bracketed, factor
@@ -47,7 +47,7 @@ class Columns:
     notes: tuple[str, ...]
     assumed: tuple[str, ...]
     selected: frozenset[str]
-    usual: Remedy | None
+    usual: tuple[Remedy, ...]
 
     def every(self) -> list[Quantity]:
         """All that is read, of plates too."""
@@ -108,7 +108,7 @@ def assign(table: Table, how: Reading) -> Columns:
             find.assumed.append(f"{find.axes.forward} points forward, to the toes (give --forward)")
     return Columns(
         quantities=quantities, plates=records, cop=cop, notes=tuple(find.notes), assumed=tuple(find.assumed),
-        selected=frozenset(role for role, choice in selected.items() if choice), usual=_usual(find, plates),
+        selected=frozenset(role for role, choice in selected.items() if choice), usual=tuple(_usual(find, plates)),
     )  # fmt: skip
 
 
@@ -159,6 +159,7 @@ def plate_columns(find: Finder) -> list[PlateColumns]:
     named = {role: candidates(find, role) for role in OF_A_PLATE}
     given = next((role for role in OF_A_PLATE if find.selected.get(role)), None)
     one = all(len({each.tag for each in find.known.values() if each.kind == kind}) <= 1 for kind in FORCES)
+    one = one and len(named["fz"]) <= 1
     if given is None:
         plates = [PlateColumns(tag=tag, parts={}) for tag in _automatic_tags(find, named, one=one)]
     else:
@@ -248,9 +249,8 @@ def _paired(find: Finder, role: str, parts: Parts, plates: list[PlateColumns], *
             f"has {given}={label} {of(tags, len(loads))} and {role}={own_label} {of(own, len(parts))}; needs columns of"
             " the same plates, one of each"
         )
-        usual = _usual(find, plates)
-        drop = Remedy(options={role: ""})
-        raise Misfit(message, file=find.table.origin, remedies=[drop, *([usual] if usual else [])])
+        remedies = [Remedy(options={role: ""}), *_usual(find, plates)]
+        raise Misfit(message, file=find.table.origin, remedies=remedies)
     order = _order(find, loads, parts, tags if named else None, own)
     if order is None:
         order = list(range(len(parts)))
@@ -315,8 +315,8 @@ def _check_alike(find: Finder, role: str, columns: list[int]) -> None:
     raise Misfit(message, file=find.table.origin, remedies=remedies, otherwise=f"say which: {which}")
 
 
-def _usual(find: Finder, plates: list[PlateColumns]) -> Remedy | None:
-    """The columns of all plates by usual names, or by names that resemble them; None if these are ``plates``."""
+def _usual(find: Finder, plates: list[PlateColumns]) -> list[Remedy]:
+    """The columns of all plates by usual names, or by names that resemble them; none if these are ``plates``."""
     for known in (find.known, _resembling(find.table)):
         other = replace(find, selected={}, known=known, notes=[], assumed=[])
         try:
@@ -334,9 +334,12 @@ def _usual(find: Finder, plates: list[PlateColumns]) -> Remedy | None:
         if {"fz", "cop"} <= set(options) or {"fz", "my"} <= set(options):
             chosen = [(plate.parts.get("fz"), plate.parts.get("cop")) for plate in own]
             if chosen == [(plate.parts.get("fz"), plate.parts.get("cop")) for plate in plates]:
-                return None
-            return Remedy(options={**dict.fromkeys(OF_A_PLATE, ""), **options})
-    return None
+                return []
+            remedies = [Remedy(options={**dict.fromkeys(OF_A_PLATE, ""), **options})]
+            if "fx" in options:  # the sign with which fewer warnings come is proposed
+                remedies.append(Remedy(options={**remedies[0].options, "fx": negated(options["fx"])}))
+            return remedies
+    return []
 
 
 def _resembling(table: Table) -> dict[int, Known]:
@@ -353,8 +356,7 @@ def _check_enough(find: Finder, roles: set[str], plates: list[PlateColumns]) -> 
     if forces and all("fz" in plate.parts and {"cop", "my"} & set(plate.parts) for plate in plates):
         return
     give = f"give {EXAMPLE}; its columns: {listed(table.names)}"
-    suggestion = _usual(find, plates)
-    remedies = [suggestion] if suggestion else []
+    remedies = _usual(find, plates)
     places = joined(tuple(plate.parts["cop"] for plate in plates if "cop" in plate.parts), table.names)
     if plates and places and len(plates) > max(len(forces), 1):
         message = (

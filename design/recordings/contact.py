@@ -22,6 +22,7 @@ from design.recordings.plates import (
     added,
     dropped,
     lost_cop,
+    mixed_signs,
     together,
     upright,
     with_load,
@@ -116,6 +117,9 @@ def contact(
     _check_rows(good, total, "load and a CoP", file)
     if good.mean() < 0.5:
         say.warnings.append(f"only {100 * good.mean():.0f} % of the rows can be used")
+
+    if (mixed := mixed_signs(plates)) and len({plate.negated for plate in plates}) == 1:
+        say.warnings.append(f"fx={mixed} turns the force of some plates and not of others: do they differ in sign?")
 
     # the sum of the plates, compared with the body
     horizontal = added([plate.fx for plate in plates if plate.fx]) if all(plate.fx for plate in plates) else None
@@ -363,7 +367,7 @@ def from_ankle(
         return cop - ankle, "from the file's ankle columns", False
     biped, target = subject.biped, subject.target
     mean = float(cop[good].mean())
-    place = mean - target
+    place = round(mean - target, 12) + 0.0
     where = f"{1e3 * target:g} mm behind the mean CoP, the law's target" if target else "under the mean CoP"
     if load is None:
         follows = ""

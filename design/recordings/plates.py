@@ -139,6 +139,12 @@ def upright(plate: Plate, notes: list[str], warnings: list[str]) -> Plate:
     )  # fmt: skip
 
 
+def mixed_signs(plates: tuple[Plate, ...]) -> str:
+    """Columns of the forward force of which the user turned some and not others; else empty."""
+    parts = [plate.fx.columns for plate in plates if plate.fx and "fx" in plate.selected]
+    return "+".join(parts) if len({part.startswith("-") for part in parts}) > 1 else ""
+
+
 def dropped(plates: tuple[Plate, ...], total: Array, usual: float) -> Flags:
     """Rows in which one of several plates drops out: exactly 0, and the whole load (n,) lacks what it usually bears."""
     lacking = np.zeros(len(total), dtype=bool)

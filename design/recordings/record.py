@@ -94,7 +94,7 @@ def open_record(path: str, how: Reading, biped: Biped, *, given: bool, target: f
     try:
         return read(how)
     except Misfit as misfit:
-        raise misfit.advised(read, how) from None
+        raise misfit.advised(lambda way: len(read(way).warnings), how) from None
 
 
 def recorded(table: Table, how: Reading, subject: Subject) -> Record:

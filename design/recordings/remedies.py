@@ -42,38 +42,42 @@ class Misfit(BadInput):
         self.remedies, self.otherwise, self.problem = tuple(remedies), otherwise, message
         super().__init__(f"{message}; {otherwise}" if otherwise else message, file=file, key=key)
 
-    def advised(self, read: Callable[[Reading], object], how: Reading) -> BadInput:
-        """The error whose message proposes those remedies under which ``read`` raises no error."""
+    def advised(self, read: Callable[[Reading], int], how: Reading) -> BadInput:
+        """The error whose message proposes those remedies under which ``read`` raises no error, and warns least.
+
+        ``read``: the number of warnings with which the file can be read in a way.
+        """
         trials = [MOST_TRIALS]
-        advice: list[str] = []
+        advice: dict[str, int] = {}
         for remedy in sorted(self.remedies, key=lambda remedy: remedy.last):
             if remedy.last and advice:
                 break
-            works = _working(read, apply(how, remedy), how, [how], trials)
-            if works is not None and (text := spoken(how, works)) not in advice:
-                advice.append(f"{text}{remedy.when}")
-        what = f"give {', or '.join(advice)}" if advice else self.otherwise
+            works = _working(read, apply(how, remedy), [how], trials)
+            if works is not None:
+                way, warnings = works
+                advice.setdefault(f"{spoken(how, way)}{remedy.when}", warnings)
+        best = [text for text, warnings in advice.items() if warnings == min(advice.values())]
+        what = f"give {', or '.join(best)}" if best else self.otherwise
         return BadInput(f"{self.problem}; {what}" if what else self.problem, file=self.file, key=self.key)
 
 
 def _working(
-    read: Callable[[Reading], object], how: Reading, first: Reading, tried: list[Reading], trials: list[int]
-) -> Reading | None:
-    """``how``, or ``how`` with one remedy more, if a file can be read so; None if it cannot."""
+    read: Callable[[Reading], int], how: Reading, tried: list[Reading], trials: list[int]
+) -> tuple[Reading, int] | None:
+    """``how``, or ``how`` with one remedy more, if a file can be read so, and with how many warnings; else None."""
     if how in tried or trials[0] <= 0:
         return None
     trials[0] -= 1
     tried = [*tried, how]
     try:
-        read(how)
+        return how, read(how)
     except Misfit as misfit:
         if len(tried) > DEPTH:
             return None
-        further = (_working(read, apply(how, remedy), first, tried, trials) for remedy in misfit.remedies)
+        further = (_working(read, apply(how, remedy), tried, trials) for remedy in misfit.remedies)
         return next((works for works in further if works is not None), None)
     except BadInput:
         return None
-    return how
 
 
 def apply(how: Reading, remedy: Remedy) -> Reading:

@@ -15,6 +15,7 @@ import numpy as np
 
 from design.errors import BadInput
 from design.recordings import c3d_reader
+from design.recordings.c3d_byte_order import to_intel
 from design.recordings.table import MAX_BYTES, Array, Table, check_cells, readable
 from design.recordings.units import FACTORS, factor, unit_of
 
@@ -26,7 +27,6 @@ MEMORY = 800_000_000
 INTEL, DEC, SGI = 84, 85, 86
 EDGES = (0.2, 2.0)
 """Lengths of a force plate's edge [m], by which a file that states no unit of position is read."""
-QUANTITIES = (("F", "force"), ("M", "moment"), ("COP", "center_of_pressure"))
 
 
 def c3d(content: bytes, path: str) -> Table:
@@ -37,11 +37,21 @@ def c3d(content: bytes, path: str) -> Table:
         raise BadInput(message, file=path)
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "trial.c3d", Path(folder) / "trial.npz"
-        source.write_bytes(content)
+        source.write_bytes(_in_intel_order(content, path))
         _run(source, target, len(content), path)
         with np.load(target, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
     return _table(arrays, path)
+
+
+def _in_intel_order(content: bytes, path: str) -> bytes:
+    if content[512 * (content[0] - 1) + 3] != SGI:
+        return content
+    try:
+        return to_intel(content)
+    except (ValueError, IndexError, struct.error) as error:
+        message = f"cannot be read as C3D of an SGI processor: {error}; export it again"
+        raise BadInput(message, file=path) from None
 
 
 def _run(source: Path, target: Path, size: int, path: str) -> None:
@@ -78,8 +88,12 @@ def _table(arrays: dict[str, Any], path: str) -> Table:
     columns: list[Array] = []
     for plate in range(count):
         force, moment = _channel_units(arrays, plate)
-        for (prefix, key), unit in zip(QUANTITIES, (force, moment, position), strict=True):
-            for axis, values in zip("xyz", arrays[key][plate], strict=True):
+        moment = moment or (f"N {position}" if position else None)  # as the C3D user guide has it
+        about_centre = _moment(arrays, plate, moment, position)
+        cop = _cop(arrays, plate, about_centre, force, moment, position)
+        quantities = (("F", arrays["force"][plate], force), ("M", about_centre, moment), ("COP", cop, position))
+        for prefix, components, unit in quantities:
+            for axis, values in zip("xyz", components, strict=True):
                 names.append(f"{prefix}{axis}{plate + 1 if count > 1 else ''}")
                 units.append(unit)
                 columns.append(values)
@@ -97,6 +111,43 @@ def _table(arrays: dict[str, Any], path: str) -> Table:
             *([f"analog rate {rate:g} Hz"] if known else []),
         ),
     )  # fmt: skip
+
+
+def _axes(corners: Array) -> Array:
+    """The plate's axes in the laboratory's frame, one a column, from its ``corners`` (3, 4)."""
+    x, y = corners[:, 0] - corners[:, 1], corners[:, 0] - corners[:, 3]
+    with np.errstate(all="ignore"):
+        x, y = x / np.linalg.norm(x), y / np.linalg.norm(y)
+    return np.column_stack([x, y, np.cross(x, y)])
+
+
+def _moment(arrays: dict[str, Any], plate: int, unit: str | None, position: str | None) -> Array:
+    """Moment (3, n) about the centre of the plate's surface.
+
+    The reader moves it there by F x origin in the unit of positions; where the moment is in another, this is mended.
+    """
+    moment: Array = arrays["moment"][plate]
+    if unit is None or position is None or FACTORS["moment"][unit] == FACTORS["position"][position]:
+        return moment
+    ratio = FACTORS["position"][position] / FACTORS["moment"][unit]
+    origin = _axes(arrays["corners"][plate]) @ arrays["origin"][plate]
+    return moment - (1 - ratio) * np.cross(arrays["force"][plate], origin[:, None], axis=0)
+
+
+def _cop(
+    arrays: dict[str, Any], plate: int, moment: Array, force: str | None, unit: str | None, position: str | None
+) -> Array:
+    """CoP (3, n) in the laboratory's frame: centre of the corners + n x M / (n . F), n the plate's normal.
+
+    M = p x F + T n about the centre of the surface, so that n x M = p (n . F).
+    """
+    corners: Array = arrays["corners"][plate]
+    normal = _axes(corners)[:, 2]
+    metres = FACTORS["position"][position or "m"]
+    with np.errstate(all="ignore"):
+        lever = FACTORS["moment"][unit or "N m"] * np.cross(normal, moment, axis=0)
+        lever /= FACTORS["force"][force or "N"] * (normal @ arrays["force"][plate])
+    return np.asarray(corners.mean(axis=1)[:, None] + lever / metres)
 
 
 def _channel_units(arrays: dict[str, Any], plate: int) -> tuple[str | None, str | None]:

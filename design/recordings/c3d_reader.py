@@ -24,7 +24,7 @@ def limit(memory: int, seconds: int) -> None:
 
 
 def read(source: str) -> dict[str, Any] | None:
-    """Forces, moments and CoP (plates, 3, n) in the laboratory's frame, corners, rate, units; None without plates."""
+    """Forces and moments (plates, 3, n) in the laboratory's frame, corners, rate, units; None without plates."""
     import ezc3d
     import numpy as np
 
@@ -46,7 +46,7 @@ def read(source: str) -> dict[str, Any] | None:
     return {
         **{
             key: np.array([plate[key] for plate in plates], dtype=np.float64)
-            for key in ("force", "moment", "center_of_pressure", "corners")
+            for key in ("force", "moment", "corners", "origin")
         },
         "header_rate": np.array(float(bare["header"]["analogs"]["frame_rate"])),
         "analog_rate": values("ANALOG", "RATE").astype(np.float64).ravel()[:1],

@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from typing import Any
 
+PLATE = ("force", "moment", "corners", "origin")
 NO_PLATES, UNREADABLE = 4, 5
 """Exit codes; 0 if the .npz file is written."""
 

@@ -17,6 +17,8 @@ IRREGULAR = 0.25
 """The part of the sampling period by which a step may differ from it: stamps are rounded."""
 SLOWEST, FASTEST = 1.0, 20_000.0
 """Sampling rates of recordings [Hz]; what lies outside is in another unit."""
+EXACT = 0.02
+"""How exactly the rate must follow from stamps that were rounded."""
 MOST_SAMPLES = 20_000_000
 
 
@@ -30,7 +32,7 @@ class Clock:
 
     t: Array
     rate: float
-    rows: NDArray[np.int64]
+    rows: NDArray[np.int64] | slice
     stamps: Array
     resampled: bool
     said: tuple[str, ...]
@@ -90,7 +92,7 @@ def clock(table: Table, columns: Columns, how: Reading) -> Clock:
         even: Array = np.arange(n) / rate
         return _resampled(even, np.arange(n), how, table, [source]) if how.resample else _plain(even, rate, [source])
     blank = _blank(columns)
-    stamps, filled = _filled(np.where(blank, np.nan, stamps), table)
+    stamps, filled = _filled(np.where(blank, np.nan, stamps) if blank.any() else stamps, table)
     steps = np.diff(stamps)
     if how.resample:
         order = np.argsort(stamps, kind="stable")
@@ -107,7 +109,7 @@ def clock(table: Table, columns: Columns, how: Reading) -> Clock:
 
 
 def _plain(t: Array, rate: float, said: list[str]) -> Clock:
-    return Clock(t=t, rate=rate, rows=np.arange(len(t)), stamps=t, resampled=False, said=tuple(said))
+    return Clock(t=t, rate=rate, rows=slice(None), stamps=t, resampled=False, said=tuple(said))
 
 
 def _blank(columns: Columns) -> NDArray[np.bool_]:
@@ -148,7 +150,9 @@ def _rounded_rate(stamps: Array) -> tuple[float, float] | None:
     period = float(stamps[-1] - stamps[0]) / len(steps)
     if np.abs(multiples - np.round(multiples)).max() > 1e-3 or len(np.unique(np.round(multiples))) < 2:
         return None
-    if period > 4 * quantum or abs(period / quantum - max(round(period / quantum), 1)) < 0.02:
+    if not EXACT * (stamps[-1] - stamps[0]) > quantum > 0.25 * period:
+        return None
+    if abs(period / quantum - max(round(period / quantum), 1)) < 0.02:
         return None
     index = np.arange(len(stamps))
     period = float(np.polyfit(index, stamps - stamps[0], 1)[0])

@@ -359,9 +359,7 @@ def _check_enough(find: Finder, roles: set[str], plates: list[PlateColumns]) -> 
     remedies = _usual(find, plates)
     places = joined(tuple(plate.parts["cop"] for plate in plates if "cop" in plate.parts), table.names)
     if plates and places and len(plates) > max(len(forces), 1):
-        message = (
-            f"has the CoP of {len(plates)} plates ({places}), and the vertical force of {len(forces)}: it is missing"
-        )
+        message = f"has the CoP of {len(plates)} plates ({places}), and the vertical force is missing of some"
         raise Misfit(message, file=table.origin, remedies=remedies, otherwise=give)
     if forces:
         _check_units(find)
@@ -426,10 +424,9 @@ def _records(
 def _quantity(find: Finder, role: str, parts: Parts) -> Quantity:
     """The values of ``role`` in SI: forces and moments of several columns are added, positions are averaged."""
     units = [_unit(find, role, index) for index, _ in parts]
-    arrays = [
-        sign * FACTORS[ROLES[role]][unit] * find.table.values[:, index]
-        for (index, sign), (unit, _) in zip(parts, units, strict=True)
-    ]
+    scales = [sign * FACTORS[ROLES[role]][unit] for (_, sign), (unit, _) in zip(parts, units, strict=True)]
+    columns = [find.table.values[:, index] for index, _ in parts]
+    arrays = [column if scale == 1 else scale * column for scale, column in zip(scales, columns, strict=True)]
     mean = ROLES[role] in ("position", "time") and len(arrays) > 1
     values = arrays[0] if len(arrays) == 1 else np.mean(arrays, axis=0) if mean else np.sum(arrays, axis=0)
     return Quantity(

@@ -23,6 +23,7 @@ from design.recordings.plates import (
     dropped,
     lost_cop,
     mixed_signs,
+    some,
     together,
     upright,
     with_load,
@@ -170,7 +171,7 @@ def contact(
 
 
 def _usual_load(total: Array) -> float:
-    known = total[np.isfinite(total)]
+    known = some(total)
     most = float(np.percentile(np.abs(known), 99.0)) if len(known) else 0.0
     standing = known[np.abs(known) > UNLOADED * most]
     return abs(float(np.median(standing))) if len(standing) else 0.0

@@ -20,7 +20,16 @@ UNLOADED = 0.05
 LIFTED = 0.02
 """The part of the whole load below which the CoP of one of several plates counts for nothing: it is noise."""
 
+MOST = 200_000
+"""Rows by which the usual load of a plate is judged."""
+
 Flags = NDArray[np.bool_]
+
+
+def some(values: Array) -> Array:
+    """The numbers among ``values`` (n,); of a long recording every second, third, ... one."""
+    part = values[:: -(-len(values) // MOST)]
+    return part[np.isfinite(part)]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,7 +72,7 @@ class Plate:
     @property
     def load(self) -> float:
         """The load [N] of a row in which somebody stands on it: the median of those with more than ``UNLOADED``."""
-        known = self.fz.values[np.isfinite(self.fz.values)]
+        known = some(self.fz.values)
         if not len(known):
             return 0.0
         most = float(np.percentile(np.abs(known), 99.0))
@@ -126,7 +135,7 @@ def upright(plate: Plate, notes: list[str], warnings: list[str]) -> Plate:
             plate, fx=plate.fx.turned() if plate.fx and "fx" in roles else plate.fx,
             my=plate.my.turned() if plate.my and "my" in roles else plate.my,
         )  # fmt: skip
-    known = plate.fz.values[np.isfinite(plate.fz.values)]
+    known = some(plate.fz.values)
     standing = known[np.abs(known) > UNLOADED * abs(plate.load)]
     if plate.load >= 0 or float((standing > 0).mean()) > 0.01:
         return plate
@@ -185,7 +194,8 @@ def together(plates: tuple[Plate, ...], centres: list[Array], total: Array, usua
 
 def added(parts: list[Quantity]) -> Quantity:
     """The sum of a quantity over plates."""
+    values = parts[0].values if len(parts) == 1 else np.sum([part.values for part in parts], axis=0)
     return Quantity(
-        values=np.sum([part.values for part in parts], axis=0), columns="+".join(part.columns for part in parts),
+        values=values, columns="+".join(part.columns for part in parts),
         unit=parts[0].unit, sure=all(part.sure for part in parts),
     )  # fmt: skip

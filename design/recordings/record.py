@@ -81,14 +81,15 @@ def open_record(path: str, how: Reading, biped: Biped, *, given: bool, target: f
     ``given`` False: only the foot of ``biped`` is taken, and the mass follows from the mean vertical force. ``target``:
     P_d [m], where the law would hold the CoP. What a message proposes was tried on the file.
     """
-    content, subject = read_bytes(path), Subject(biped=biped, given=given, target=target)
+    subject = Subject(biped=biped, given=given, target=target)
+    content = read_bytes(path) if path == "-" else None  # which can be read only once
     tables: dict[tuple[object, ...], Table] = {}
 
     def read(way: Reading) -> Record:
         form = (way.delimiter, way.decimal, way.skip_rows, way.allow_gaps)
         if form not in tables:
             tables.clear()  # a long one fills the memory
-            tables[form] = table_of(content, path, way)
+            tables[form] = table_of(read_bytes(path) if content is None else content, path, way)
         return recorded(tables[form], way, subject)
 
     try:

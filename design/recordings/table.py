@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ class Table:
     names: tuple[str, ...]
     units: tuple[str | None, ...]
     values: Array
-    lines: NDArray[np.int64]
+    lines: NDArray[np.integer[Any]]
     cell: Callable[[int, int], str]
     rate: float | None
     detected: tuple[str, ...]
@@ -47,8 +48,15 @@ class Table:
 def readable(values: Array) -> Array:
     """``values`` with NaN in place of infinities and of numbers that stand for none; changed where it is."""
     with np.errstate(invalid="ignore"):
-        values[~(np.abs(values) < LARGEST)] = np.nan
+        for first in range(0, len(values), 1 << 16):
+            part = values[first : first + (1 << 16)]
+            part[~(np.abs(part) < LARGEST)] = np.nan
     return values
+
+
+def unasked(row: int, column: int) -> str:
+    """The cell of a table whose every cell is a number."""
+    return ""
 
 
 def check_cells(rows: int, columns: int, path: str) -> None:

@@ -18,7 +18,7 @@ from design.recordings.form import MISSING, WORDS, Form, form_of, split, with_na
 from design.recordings.header import Header, understand
 from design.recordings.reading import Reading
 from design.recordings.remedies import Misfit, Remedy
-from design.recordings.table import Array, Table, check_cells, readable, unique
+from design.recordings.table import Array, Table, check_cells, readable, unasked, unique
 
 CHUNK = 20_000
 LONGEST = 1_000_000
@@ -32,8 +32,8 @@ class Lines(Sequence[str]):
     """The lines of a text in UTF-8: ``content`` from ``starts`` (n,) to ``ends`` (n,)."""
 
     content: bytes
-    starts: NDArray[np.int64]
-    ends: NDArray[np.int64]
+    starts: NDArray[np.int32]
+    ends: NDArray[np.int32]
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -42,7 +42,7 @@ class Lines(Sequence[str]):
         """The text of one line."""
         return self.content[self.starts[index] : self.ends[index]].decode("utf-8", "replace")
 
-    def filled(self, skipped: int) -> NDArray[np.int64]:
+    def filled(self, skipped: int) -> NDArray[np.int32]:
         """Which lines after the ``skipped`` ones hold more than delimiters."""
         empty = np.zeros(256, dtype=bool)
         empty[list(b" \t,;\n")] = True
@@ -52,22 +52,21 @@ class Lines(Sequence[str]):
             begin = int(self.starts[first])
             part = np.frombuffer(self.content[begin : int(self.ends[last - 1]) + 1] + b"\n", dtype=np.uint8)
             holds = np.logical_or.reduceat(~empty[part], self.starts[first:last] - begin)
-            found.append(first + np.flatnonzero(holds))
-        return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
+            found.append((first + np.flatnonzero(holds)).astype(np.int32))
+        return np.concatenate(found) if found else np.zeros(0, dtype=np.int32)
 
 
 def lines_of(content: bytes) -> Lines:
     """The lines of UTF-8 ``content``; a carriage return ends one too."""
     if b"\r" in content:
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    step = 1 << 24
-    breaks = [
-        first + np.flatnonzero(np.frombuffer(content, dtype=np.uint8, count=min(step, len(content) - first),
-                                             offset=first) == 10)
-        for first in range(0, len(content), step)
-    ]  # fmt: skip
-    ends = np.concatenate([*breaks, [len(content)]]).astype(np.int64)
-    return Lines(content=content, starts=np.concatenate([[0], ends[:-1] + 1]).astype(np.int64), ends=ends)
+    step = 1 << 22
+    breaks = []
+    for first in range(0, len(content), step):
+        part = np.frombuffer(content, dtype=np.uint8, count=min(step, len(content) - first), offset=first)
+        breaks.append((first + np.flatnonzero(part == 10)).astype(np.int32))
+    ends = np.concatenate([*breaks, np.array([len(content)], dtype=np.int32)])
+    return Lines(content=content, starts=np.concatenate([np.zeros(1, dtype=np.int32), ends[:-1] + 1]), ends=ends)
 
 
 def text(content: bytes, path: str, how: Reading) -> Table:
@@ -114,12 +113,15 @@ def _table(lines: Lines, encoding: list[str], path: str, how: Reading) -> Table:
     detected = [*encoding, *cut, f"delimiter {WORDS.get(form.delimiter, repr(form.delimiter))}{sign}", *header.said]
     detected.append(f"data from line {rows[0] + 1} on, {form.cells} columns")
 
+    values = _values(form, lines, rows, how, path)
+
     def cell(row: int, column: int) -> str:
         cells = form.split(lines[rows[row]])
         return cells[column] if column < len(cells) else ""
 
     return Table(
-        origin=path, names=tuple(names), values=_values(form, lines, rows, how, path), lines=rows + 1, cell=cell,
+        origin=path, names=tuple(names), values=values, lines=rows + 1,
+        cell=cell if np.isnan(values).any() else unasked,  # which lets go of the text
         rate=header.rate, detected=tuple(detected),
         units=tuple(unit for _, unit in header.columns) if header.columns else (None,) * form.cells,
     )  # fmt: skip
@@ -168,7 +170,7 @@ def _skipped(count: int | None, lines: int, path: str) -> int:
     return count or 0
 
 
-def _first_row(form: Form, lines: Lines, filled: NDArray[np.int64], path: str) -> int:
+def _first_row(form: Form, lines: Lines, filled: NDArray[np.int32], path: str) -> int:
     """The place in ``filled`` of the first row; one that is faulty belongs to the rows below it."""
     whole = next((k for k, index in enumerate(filled) if form.is_row(lines[index])), None)
     if whole is None:
@@ -191,7 +193,7 @@ def _is_damaged(form: Form, line: str) -> bool:
     )
 
 
-def _check_commas(form: Form, header: Header, lines: Lines, rows: NDArray[np.int64], how: Reading, path: str) -> None:
+def _check_commas(form: Form, header: Header, lines: Lines, rows: NDArray[np.int32], how: Reading, path: str) -> None:
     """Raise ``BadInput`` where a comma may be the delimiter, the decimal sign, or both."""
     if form.delimiter != "," or how.delimiter or header.columns:
         return
@@ -202,7 +204,7 @@ def _check_commas(form: Form, header: Header, lines: Lines, rows: NDArray[np.int
         raise BadInput(message, file=path, key=f"line {rows[0] + 1}")
 
 
-def _values(form: Form, lines: Lines, rows: NDArray[np.int64], how: Reading, path: str) -> Array:
+def _values(form: Form, lines: Lines, rows: NDArray[np.int32], how: Reading, path: str) -> Array:
     """The numbers (n, k), NaN where there is none; ragged rows as ``how`` allows."""
     values = np.full((len(rows), form.cells), np.nan)
     ragged: list[tuple[int, int]] = []
@@ -248,7 +250,7 @@ def _quick(form: Form, rows: list[str]) -> Array | None:
 
 
 def _check_ragged(
-    ragged: list[tuple[int, int]], lines: Lines, rows: NDArray[np.int64], form: Form, how: Reading, path: str
+    ragged: list[tuple[int, int]], lines: Lines, rows: NDArray[np.int32], form: Form, how: Reading, path: str
 ) -> None:
     """Raise ``BadInput`` for rows with another number of cells, unless they may be masked and are few."""
     k, count = ragged[0]

@@ -17,7 +17,7 @@ IRREGULAR = 0.25
 """The part of the sampling period by which a step may differ from it: stamps are rounded."""
 SLOWEST, FASTEST = 1.0, 20_000.0
 """Sampling rates of recordings [Hz]; what lies outside is in another unit."""
-EXACT = 0.02
+EXACT = 0.05
 """How exactly the rate must follow from stamps that were rounded."""
 MOST_SAMPLES = 20_000_000
 

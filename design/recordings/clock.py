@@ -139,17 +139,17 @@ def _filled(stamps: Array, table: Table) -> tuple[Array, list[str]]:
 def _rounded_rate(stamps: Array) -> tuple[float, float] | None:
     """The rate [Hz] of even stamps that were rounded to fewer digits than it needs, and their last digit [s].
 
-    Rounded stamps are multiples of this digit and lie within it of a straight line; a stamp that comes twice, or is
+    Rounded stamps are multiples of this digit, and lie within it of a straight line; a stamp that comes twice, or is
     missing, in even stamps is no rounding: their period is a multiple of the digit.
     """
     steps = np.diff(stamps)
     if len(steps) < 20 or (steps < 0).any() or not (steps > 0).any():
         return None
-    quantum = float(steps[steps > 0].min())
-    multiples = steps / quantum
-    period = float(stamps[-1] - stamps[0]) / len(steps)
-    if np.abs(multiples - np.round(multiples)).max() > 1e-3 or len(np.unique(np.round(multiples))) < 2:
+    scaled = ((digits, 10.0**digits * stamps) for digits in range(7))
+    places = next((digits for digits, each in scaled if np.abs(each - np.rint(each)).max() < 1e-5), None)
+    if places is None:
         return None
+    quantum, period = 10.0**-places, float(stamps[-1] - stamps[0]) / len(steps)
     if not EXACT * (stamps[-1] - stamps[0]) > quantum > 0.25 * period:
         return None
     if abs(period / quantum - max(round(period / quantum), 1)) < 0.02:

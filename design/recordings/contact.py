@@ -12,9 +12,11 @@ import numpy as np
 from design.errors import BadInput
 from design.model.body import Biped
 from design.recordings import checks
-from design.recordings.columns import Columns, check_cells
+from design.recordings.ankle import from_ankle
+from design.recordings.centres import centres_of, say_together, with_origins
+from design.recordings.columns import Columns
+from design.recordings.finder import check_cells
 from design.recordings.plates import (
-    LIFTED,
     UNLOADED,
     Flags,
     Plate,
@@ -23,39 +25,18 @@ from design.recordings.plates import (
     dropped,
     lost_cop,
     mixed_signs,
-    some,
     together,
+    unreadable,
     upright,
+    usual_load,
     with_load,
 )
 from design.recordings.reading import Reading
-from design.recordings.remedies import Misfit, Remedy
+from design.recordings.remarks import Remarks, Subject, note
 from design.recordings.table import Array, Table
-from design.recordings.units import FACTORS, factor, unit_of
 
 FEWEST = 8
 """The smallest number of rows that a recording may have."""
-
-
-@dataclass(eq=False, kw_only=True)
-class Remarks:
-    """What is said about a recording: what was noted, what was assumed, and what warns."""
-
-    notes: list[str] = field(default_factory=list)
-    assumed: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Subject:
-    """Who stands on the plates: ``biped``, whether it is the user's spec (``given``), and where the law holds the CoP.
-
-    ``target``: P_d [m] from the ankle.
-    """
-
-    biped: Biped
-    given: bool
-    target: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -94,19 +75,19 @@ def contact(
     plates = with_load(columns.plates, file, say.notes)
     if columns.get("toe") is None:
         plates = tuple(upright(plate, say.notes, say.warnings) for plate in plates)
-    plates = _with_origins(plates, how, file)
+    plates = with_origins(plates, how, file)
     total = added([plate.fz for plate in plates])
-    usual = _usual_load(total.values)
+    usual = abs(usual_load(total.values))
     for plate in plates:
         _check_readable(table, how, plate, usual)
-    lost = _unreadable(plates, usual)
+    lost = unreadable(plates, usual)
     with np.errstate(invalid="ignore"):
         empty = ~gaps & ~lost & ((total.values < UNLOADED * usual) | dropped(plates, total.values, usual))
     good = ~(gaps | lost | empty)
     _check_rows(good, total, "load", file)
 
     # the CoP of each plate, compared with its moment
-    sources, centres = _centres(plates, good, usual, columns, subject, file, say)
+    sources, centres = centres_of(plates, good, usual, columns, subject, file, say)
     for plate, cop in zip(plates, centres or [], strict=False):
         gone = lost_cop(cop, good & (plate.fz.values > UNLOADED * usual))
         if gone.any():
@@ -138,7 +119,7 @@ def contact(
             f"mass {biped.M + biped.m:.4g} kg from the mean vertical force, so that the mean of F_y is zero"
             " (give --spec)"
         )
-    _say_together(table, plates, good, sources, say)
+    say_together(table, plates, good, sources, say)
     fx = None if horizontal is None else horizontal.values
     combined = None if centres is None else together(plates, centres, total.values, usual)
     shared = Contact(
@@ -170,19 +151,6 @@ def contact(
     )  # fmt: skip
 
 
-def _usual_load(total: Array) -> float:
-    known = some(total)
-    most = float(np.percentile(np.abs(known), 99.0)) if len(known) else 0.0
-    standing = known[np.abs(known) > UNLOADED * most]
-    return abs(float(np.median(standing))) if len(standing) else 0.0
-
-
-def _bears(plates: tuple[Plate, ...], plate: Plate, usual: float) -> Flags:
-    """Rows in which the CoP of a plate counts."""
-    with np.errstate(invalid="ignore"):
-        return np.asarray(plate.fz.values > (UNLOADED if len(plates) == 1 else LIFTED) * usual)
-
-
 def _check_readable(table: Table, how: Reading, plate: Plate, usual: float) -> None:
     """Raise ``BadInput`` for cells of a plate that are no numbers, unless nobody stands on it: then none has a CoP."""
     with np.errstate(invalid="ignore"):
@@ -199,110 +167,10 @@ def _check_readable(table: Table, how: Reading, plate: Plate, usual: float) -> N
             check_cells(table, how, role, name, missing)
 
 
-def _unreadable(plates: tuple[Plate, ...], usual: float) -> Flags:
-    """Rows without a number that the sum needs."""
-    lost = np.zeros(len(plates[0].fz.values), dtype=bool)
-    for plate in plates:
-        lost |= np.isnan(plate.fz.values)
-        if plate.fx is not None:
-            lost |= np.isnan(plate.fx.values)
-        bears = _bears(plates, plate, usual)
-        for quantity in (plate.cop, plate.my):
-            if quantity is not None:
-                lost |= bears & np.isnan(quantity.values)
-    return lost
-
-
 def _check_rows(good: Flags, total: Quantity, what: str, file: str) -> None:
     if good.sum() < FEWEST:
         message = f"has only {int(good.sum())} rows with {what}; needs at least {FEWEST}"
         raise BadInput(message, file=file, key=f"column{'s' * ('+' in total.columns)} {total.columns}")
-
-
-def _centres(
-    plates: tuple[Plate, ...], good: Flags, usual: float, columns: Columns, subject: Subject, file: str, say: Remarks
-) -> tuple[tuple[str, Quantity] | None, list[Array] | None]:
-    """The role and columns that the CoP follows from, and the CoP of each plate (n,) [m]; None if it has none."""
-    cops = [plate.cop for plate in plates if plate.cop]
-    moments = [plate.my for plate in plates if plate.my]
-    labels = {"cop": "+".join(each.columns for each in cops), "my": "+".join(each.columns for each in moments)}
-    for plate in plates:
-        rows = good & (plate.fz.values > UNLOADED * usual)
-        moment = plate.from_moment()
-        if plate.cop is None or moment is None or not rows.any():
-            continue
-        tilt = None if plate.fx is None else plate.fx.values[rows] / plate.fz.values[rows]
-        formula = "-my / fz" if len(plates) == 1 else f"-my / fz of {plate.name}"
-        found = checks.agreement(
-            plate.cop.values[rows], moment[rows], tilt, plate.cop, formula, file, labels=labels, moment=plate.my
-        )
-        _note(found, say)
-    if len(cops) == len(plates):
-        return ("cop", added(cops)), [each.values for each in cops]
-    if len(moments) == len(plates):
-        _check_origins(plates, good, usual, columns, subject.biped.ell, file, say)
-        say.notes.append(f"CoP from the moment{'s' * (len(plates) > 1)}: -my / fz")
-        return ("my", added(moments)), [each for plate in plates if (each := plate.from_moment()) is not None]
-    if columns.get("toe") is not None:
-        return None, None
-    lacking = ", ".join(plate.name for plate in plates if plate.cop is None)
-    message = f"has no CoP of {lacking}, which bears load; needs the CoP, or the moment, of every plate with load"
-    raise BadInput(message, file=file)
-
-
-def _check_origins(
-    plates: tuple[Plate, ...], good: Flags, usual: float, columns: Columns, ell: float, file: str, say: Remarks
-) -> None:
-    """Raise ``BadInput`` for moments of several plates, each about its own origin, unless these are known or near."""
-    if len(plates) == 1 or all(plate.origin is not None for plate in plates):
-        return
-    centres = [each for plate in plates if (each := plate.from_moment()) is not None]
-    rows = [good & (plate.fz.values > UNLOADED * usual) for plate in plates]
-    # feet stand side by side: what is further apart than a foot is long was measured about different points
-    apart = checks.apart(plates, centres, rows, ell)
-    label = "+".join(plate.my.columns for plate in plates if plate.my)
-    key = f"columns {label}"
-    if apart:
-        message = (
-            f"CoP is missing, and -my / fz puts it at {apart}: the moments are each about the origin of their own"
-            " plate; give the CoP of each plate, or --origins X1,X2:UNIT, where these origins are on the forward axis"
-        )
-        raise BadInput(message, file=file, key=key)
-    if "my" not in columns.selected:
-        message = "CoP is missing; the moments are each about the origin of their own plate"
-        remedy = Remedy(options={"my": label}, when=" if these are at one forward position (else --origins X1,X2:UNIT)")
-        raise Misfit(
-            message, file=file, key=key, remedies=[remedy], otherwise="give the CoP of each plate, or --origins"
-        )
-    say.assumed.append(f"the moments {label} are about points at one forward position (give --origins)")
-
-
-def _with_origins(plates: tuple[Plate, ...], how: Reading, file: str) -> tuple[Plate, ...]:
-    """The plates with the forward positions of their origins, as the user gives them."""
-    if how.origins is None:
-        return plates
-    text, _, unit = how.origins.partition(":")
-    places = [_position(part + (f":{unit}" if unit else ""), "--origins") for part in text.split(",")]
-    if len(places) != len(plates):
-        message = (
-            f"gives {len(places)} position{'s' * (len(places) != 1)}, and {len(plates)} plates bear load"
-            f" ({', '.join(plate.name for plate in plates)}); needs one of each, in this order"
-        )
-        raise BadInput(message, file=file, key="--origins")
-    return tuple(replace(plate, origin=place) for plate, place in zip(plates, places, strict=True))
-
-
-def _say_together(
-    table: Table, plates: tuple[Plate, ...], good: Flags, sources: tuple[str, Quantity] | None, say: Remarks
-) -> None:
-    """Say which plates were added, which load weights which CoP, and that their CoPs are in one frame."""
-    if len(plates) == 1:
-        return
-    loads = "; ".join(f"{plate.name}: {plate.columns}, {float(plate.fz.values[good].mean()):.4g} N" for plate in plates)
-    say.notes.append(f"{len(plates)} plates added, each CoP weighted by the load of its plate ({loads})")
-    named = all(plate.fz.columns.lower().lstrip("-").find("ground_force") >= 0 for plate in plates)
-    if sources is not None and sources[0] == "cop" and not (table.one_frame or named):
-        say.assumed.append(f"the CoPs {sources[1].columns} are in one frame, not each in that of its plate")
 
 
 def _toe_and_heel(shared: Contact, columns: Columns, subject: Subject, good: Flags, file: str, say: Remarks) -> Contact:
@@ -319,9 +187,7 @@ def _toe_and_heel(shared: Contact, columns: Columns, subject: Subject, good: Fla
             foot = f"{biped.ell:.4g} m from ankle to toe and heel, as toe force, heel force and CoP say"
         formula = "(F_T - F_H) ell / (F_T + F_H)" if not biped.skew else "(F_T toe - F_H heel) / (F_T + F_H)"
         quantity = shared.taken["cop"]
-        _note(
-            checks.agreement(cop[good], P[good], None, quantity, formula, file, labels={"cop": quantity.columns}), say
-        )
+        note(checks.agreement(cop[good], P[good], None, quantity, formula, file, labels={"cop": quantity.columns}), say)
     if not subject.given:
         say.assumed.append(f"{foot} (give --spec)")
     taken = {role: each for role, each in shared.taken.items() if role != "fz"}
@@ -353,49 +219,6 @@ def _cop_alone(table: Table, columns: Columns, how: Reading, gaps: Flags, subjec
     )  # fmt: skip
 
 
-def from_ankle(
-    cop: Array, good: Flags, how: Reading, columns: Columns, subject: Subject, say: Remarks, load: Array | None
-) -> tuple[Array, str, bool]:
-    """The CoP from the ankle (n,) [m], where the ankle is, in words, and whether it is assumed.
-
-    Where nothing tells, the ankle is where a law would have it that holds the CoP at its target P_d in the mean.
-    """
-    stated, ankle = how.ankle, columns.get("ankle_x")
-    if stated is not None:
-        place = _position(stated, "--ankle")
-        return cop - place, f"at {place:g} m by --ankle", False
-    if ankle is not None:
-        return cop - ankle, "from the file's ankle columns", False
-    biped, target = subject.biped, subject.target
-    mean = float(cop[good].mean())
-    place = round(mean - target, 12) + 0.0
-    where = f"{1e3 * target:g} mm behind the mean CoP, the law's target" if target else "under the mean CoP"
-    if load is None:
-        follows = ""
-    elif biped.skew == 0 and target == 0:
-        follows = ", so that the mean of toe and heel force is equal"
-    else:
-        F = float(load[good].mean())
-        share = target / biped.ell - biped.skew  # (F_T - F_H) / (F_T + F_H) of a CoP at the target, (18)
-        follows = f", so that toe and heel bear about {0.5 * F * (1 + share):.4g} and {0.5 * F * (1 - share):.4g} N"
-    say.assumed.append(f"ankle taken at {place:.4g} m, {where}{follows}; give --ankle")
-    return cop - place, f"at {place:.4g} m, {where}", True
-
-
-def _position(text: str, option: str) -> float:
-    number, _, written = text.partition(":")
-    unit = unit_of(written) if written else "m"
-    scale = factor(unit, "position") if unit else None
-    try:
-        value = float(number)
-    except ValueError:
-        value = np.nan
-    if scale is None or not np.isfinite(value) or abs(value * scale) > 100:
-        message = f"is {text[:40]!r}; needs a position as 0.21 or 21:cm ({', '.join(FACTORS['position'])})"
-        raise BadInput(message, key=option)
-    return value * scale
-
-
 def _assumed_foot(biped: Biped) -> str:
     return f"foot of the built-in adult-slope, {biped.ell:g} m from ankle to toe and heel (give --spec)"
 
@@ -406,8 +229,3 @@ def _foot_ratio(cop: Array, P: Array, good: Flags) -> float | None:
         return None
     ratio = float(np.polyfit(P[good], cop[good], 1)[0])
     return ratio if 0.2 < ratio < 5 else None
-
-
-def _note(found: checks.Agreement | None, say: Remarks) -> None:
-    if found is not None:
-        (say.notes if found.close else say.warnings).append(found.sentence)

@@ -32,6 +32,14 @@ def some(values: Array) -> Array:
     return part[np.isfinite(part)]
 
 
+def usual_load(force: Array) -> float:
+    """The median of a vertical force (n,) [N] where it is more than ``UNLOADED`` times the largest."""
+    known = some(force)
+    most = float(np.percentile(np.abs(known), 99.0)) if len(known) else 0.0
+    standing = known[np.abs(known) > UNLOADED * most]
+    return float(np.median(standing)) if len(standing) else 0.0
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Quantity:
     """One quantity in SI units (n,), the ``columns`` it comes from, and its ``unit`` there; ``sure``: it is stated."""
@@ -71,13 +79,8 @@ class Plate:
 
     @property
     def load(self) -> float:
-        """The load [N] of a row in which somebody stands on it: the median of those with more than ``UNLOADED``."""
-        known = some(self.fz.values)
-        if not len(known):
-            return 0.0
-        most = float(np.percentile(np.abs(known), 99.0))
-        standing = known[np.abs(known) > UNLOADED * most]
-        return float(np.median(standing)) if len(standing) else 0.0
+        """The load [N] of a row in which somebody stands on it."""
+        return usual_load(self.fz.values)
 
     @property
     def columns(self) -> str:
@@ -199,3 +202,23 @@ def added(parts: list[Quantity]) -> Quantity:
         values=values, columns="+".join(part.columns for part in parts),
         unit=parts[0].unit, sure=all(part.sure for part in parts),
     )  # fmt: skip
+
+
+def _bears(plates: tuple[Plate, ...], plate: Plate, usual: float) -> Flags:
+    """Rows in which the CoP of a plate counts."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(plate.fz.values > (UNLOADED if len(plates) == 1 else LIFTED) * usual)
+
+
+def unreadable(plates: tuple[Plate, ...], usual: float) -> Flags:
+    """Rows without a number that the sum needs."""
+    lost = np.zeros(len(plates[0].fz.values), dtype=bool)
+    for plate in plates:
+        lost |= np.isnan(plate.fz.values)
+        if plate.fx is not None:
+            lost |= np.isnan(plate.fx.values)
+        bears = _bears(plates, plate, usual)
+        for quantity in (plate.cop, plate.my):
+            if quantity is not None:
+                lost |= bears & np.isnan(quantity.values)
+    return lost

@@ -11,11 +11,12 @@ from design.model.body import Biped
 from design.recordings import posture_checks
 from design.recordings.clock import Clock, clock
 from design.recordings.columns import Columns, assign
-from design.recordings.contact import FEWEST, Contact, Remarks, Subject, contact
+from design.recordings.contact import FEWEST, Contact, contact
 from design.recordings.files import read_bytes, table_of
 from design.recordings.horizontal import CLEAR, against_cop
 from design.recordings.plates import Flags, Plate
 from design.recordings.reading import Reading
+from design.recordings.remarks import Remarks, Subject
 from design.recordings.remedies import Misfit
 from design.recordings.selection import negated
 from design.recordings.table import Array, Table

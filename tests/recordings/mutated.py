@@ -18,8 +18,8 @@ TOKENS = [
 ]  # fmt: skip
 WAYS = [
     {}, {}, {}, {"allow_gaps": True}, {"rate": 100.0}, {"forward": "y"}, {"resample": 50.0}, {"origins": "0.1,0.2"},
-    {"columns": "fz=2,cop=3"}, {"columns": "fz=Fz1+Fz2,cop=COPx1+COPx2"}, {"columns": "fz=-Fz1"}, {"columns": "my=none"},
-    {"columns": "time=1"}, {"columns": "my=My1:N mm"},
+    {"columns": "fz=2,cop=3"}, {"columns": "fz=Fz1+Fz2,cop=COPx1+COPx2"}, {"columns": "fz=-Fz1"},
+    {"columns": "my=none"}, {"columns": "time=1"}, {"columns": "my=My1:N mm"},
 ]  # fmt: skip
 
 
@@ -69,7 +69,7 @@ def main(seed=1, count=2000):
     import resource
 
     sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parent)]
-    from test_plates_by_every_route import FORMATS, Truth
+    from plate_files import FORMATS, Truth
 
     chance, counts, slowest = random.Random(seed), Counter(), 0.0
     contents = [(*FORMATS[form](Truth(plates, "z", "x"), 1),) for form in FORMATS for plates in ("1", "2")]

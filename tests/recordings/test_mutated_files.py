@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mutated import mutate, tried
-from test_plates_by_every_route import FORMATS, Truth
+from plate_files import FORMATS, Truth
 
 from design.errors import BadInput
 from design.model.body import Biped

@@ -13,8 +13,9 @@ from design.errors import BadInput
 from design.recordings import names as usual
 from design.recordings.axes import axes, by_axis
 from design.recordings.finder import Finder, check_alike, check_cells, quantity_of
+from design.recordings.names import Known
 from design.recordings.plate_columns import OF_A_PLATE, PlateColumns, foot_plate, plate_columns, usual_columns
-from design.recordings.plates import Plate, Quantity
+from design.recordings.plates import UNLOADED, Plate, Quantity, some
 from design.recordings.reading import Reading
 from design.recordings.remedies import Misfit, Remedy
 from design.recordings.selection import ROLES, Parts, joined, listed, parse
@@ -58,9 +59,7 @@ class Columns:
 def assign(table: Table, how: Reading) -> Columns:
     """The quantities in ``table``; raises ``BadInput`` that lists the columns and shows the option to give."""
     selected = parse(how.columns, table)
-    known = {index: found for index, name in enumerate(table.names) if (found := usual.recognise(name))}
-    if {"toe_force_n", "heel_force_n"} <= set(table.names):  # our own CSV
-        known = {index: found for index, found in known.items() if found.role or not found.kind}
+    known = _known(table)
     notes: list[str] = []
     find = Finder(
         table=table, how=how, selected=selected, known=known, notes=notes,
@@ -76,14 +75,44 @@ def assign(table: Table, how: Reading) -> Columns:
     for role, quantity in quantities.items():
         _check_cells(find, role, parts[role], ~np.isfinite(quantity.values))
     records, cop = _records(find, plates, quantities if foot else None)
-    if (find.axes.assumed and any({"cop", "fx", "my"} & set(each.parts) for each in plates)) or "com_x" in parts:
-        if find.axes.assumed:
-            find.assumed.append(f"{find.axes.forward} points forward, to the toes (give --forward)")
+    if find.axes.assumed and ("com_x" in parts or any({"cop", "fx", "my"} & set(each.parts) for each in plates)):
+        find.assumed.append(f"{find.axes.forward} points forward, to the toes (give --forward){_beside(find, records)}")
     return Columns(
         quantities=quantities, plates=records, cop=cop, notes=tuple(find.notes), assumed=tuple(find.assumed),
-        selected=frozenset(role for role, choice in selected.items() if choice), 
+        selected=frozenset(role for role, choice in selected.items() if choice),
         usual=tuple(usual_columns(find, plates)),
     )  # fmt: skip
+
+
+def _known(table: Table) -> dict[int, Known]:
+    """What the names of columns say; a weight is the vertical force where there is no other."""
+    known = {index: found for index, name in enumerate(table.names) if (found := usual.recognise(name))}
+    if {"toe_force_n", "heel_force_n"} <= set(table.names):  # our own CSV
+        return {index: found for index, found in known.items() if found.role or not found.kind}
+    weights = [index for index, name in enumerate(table.names) if usual.is_weight(name)]
+    if len(weights) == 1 and not any(each.kind == "force" or each.role in ("fz", "toe") for each in known.values()):
+        known[weights[0]] = Known(role="fz")
+    return known
+
+
+def _beside(find: Finder, plates: tuple[Plate, ...]) -> str:
+    """A remark where the plates' CoPs are further apart along the axis assumed to point forward than across it."""
+    apart = {}
+    most = max((abs(plate.load) for plate in plates), default=0.0)
+    loaded = [plate for plate in plates if abs(plate.load) >= UNLOADED * most]
+    across = next(axis for axis in "xyz" if axis not in (find.axes.up, find.axes.forward))
+    for axis in (find.axes.forward, across):
+        columns = [by_axis(find.known, "cop", [plate.tag]).get(axis, []) for plate in loaded]
+        if len(loaded) < 2 or not all(columns):
+            return ""
+        cops = [some(find.table.values[:, each[0]]) for each in columns]
+        if not all(map(len, cops)):
+            return ""
+        apart[axis] = float(np.ptp([np.median(cop) for cop in cops]))
+    forward = find.axes.forward
+    if apart[forward] <= apart[across]:
+        return ""
+    return f", though the plates' CoPs are further apart along {forward} than along {across}: feet side by side?"
 
 
 def _single(find: Finder) -> dict[str, Parts]:

@@ -14,7 +14,7 @@ SCALARS = {
     "toe": "toeforce toe ft forcetoe",
     "heel": "heelforce heel fh forceheel",
     "torque": "torque tau ankletorque anklemoment",
-    "fz": "verticalforce vgrf grfv load fvertical fvert fv totalforce totalweight",
+    "fz": "verticalforce vgrf grfv load fvertical fvert fv totalforce",
     "fx": "horizontalforce forwardforce apforce fap",
     "cop": "cop copap apcop copforward cpap",
 }
@@ -90,6 +90,11 @@ def resembled(name: str) -> Known | None:
             rest = " ".join(words[:index] + words[index + 1 :]).lower()
             return replace(known, tag=" ".join(filter(None, (rest, known.tag))))
     return None
+
+
+def is_weight(name: str) -> bool:
+    """Whether a column is called the weight, as balance boards call the vertical force."""
+    return re.sub(r"[^a-z]", "", name.lower()) in ("weight", "bodyweight", "totalweight", "weightkg")
 
 
 def _tag(text: str | None) -> str:

@@ -11,6 +11,7 @@ from design.errors import BadInput
 from design.recordings import names as usual
 from design.recordings.finder import Finder, check_alike, column_unit
 from design.recordings.names import Known
+from design.recordings.plates import some
 from design.recordings.remedies import Misfit, Remedy
 from design.recordings.selection import ROLES, Parts, joined, negated
 from design.recordings.table import Array, Table
@@ -85,9 +86,8 @@ def _automatic_tags(find: Finder, named: dict[str, dict[str, list[int]]], *, one
     loads = {tag: _si(find, "fz", forces[tag][0]) for tag in tags}
     for tag in tags if len(tags) > 2 else ():
         others = np.sum([loads[other] for other in tags if other != tag], axis=0)
-        with np.errstate(invalid="ignore"):
-            apart, size = np.nanmean(np.abs(loads[tag] - others)), np.nanmean(np.abs(loads[tag]))
-        if apart < SAME * size:
+        apart, size = some(np.abs(loads[tag] - others)), some(np.abs(loads[tag]))
+        if len(apart) and apart.mean() < SAME * size.mean():
             name = find.table.names[forces[tag][0]]
             find.notes.append(f"{name} is the sum of the other plates' vertical forces")
             return [tag] if tag in named["cop"] or tag in named["my"] else [each for each in tags if each != tag]

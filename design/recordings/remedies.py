@@ -9,9 +9,9 @@ from design.errors import BadInput
 from design.recordings.reading import Reading
 from design.recordings.selection import entries
 
-DEPTH = 2
+DEPTH = 3
 """How many remedies, one after the other, are tried together."""
-MOST_TRIALS = 12
+MOST_TRIALS = 16
 """How many ways of reading a file are tried for one message."""
 
 

@@ -140,6 +140,35 @@ def test_a_cop_alone_tells_what_it_can(tmp_path):
         read(tmp_path, text("Time,CoPx1,CoPx2", T, COPS[0], COPS[1]))
 
 
+def test_the_sum_of_the_plates_is_not_added_to_them(tmp_path):
+    loads = [SHARE * FZ, (1 - SHARE) * FZ]
+    truth = SHARE * COPS[0] + (1 - SHARE) * COPS[1]
+    names = "Time,Fz1,COPx1,Fz2,COPx2,Fz"
+    record = read(tmp_path, text(names, T, loads[0], COPS[0], loads[1], COPS[1], FZ), given=False)
+    assert record.load == pytest.approx(FZ, rel=1e-6)
+    assert record.cop == pytest.approx(truth, abs=1e-6)
+    assert any("Fz is the sum" in note for note in record.notes)
+
+
+def test_a_balance_board_in_kilograms_with_uneven_stamps_is_read_as_proposed(tmp_path):
+    stamps = T * 1.7 + 0.008 * np.sin(7 * np.arange(N))
+    content = text("Time (s),Weight (kg),CoPx (cm),CoPy (cm)", stamps, FZ / 9.80665, 100 * COPS[0], 100 * COPS[1])
+    with pytest.raises(BadInput, match=r"give --resample [\d.]+, or --rate"):
+        read(tmp_path, content)
+    record = read(tmp_path, content, resample=50.0)
+    assert record.load == pytest.approx(np.interp(record.t, stamps, FZ), rel=1e-4)
+    assert record.cop == pytest.approx(np.interp(record.t, stamps, COPS[0]), abs=1e-5)
+    assert record.columns["fz"] == "Weight [kgf]"
+
+
+def test_feet_that_seem_to_stand_behind_each_other_are_remarked_upon(tmp_path):
+    loads = [SHARE * FZ, (1 - SHARE) * FZ]
+    names = "Time,Fz1,COPx1,COPy1,Fz2,COPx2,COPy2"
+    content = text(names, T, loads[0], 0 * T - 0.1, COPS[0], loads[1], 0 * T + 0.1, COPS[1])
+    assert "side by side" in read(tmp_path, content).assumed[0]
+    assert not any("side by side" in each for each in read(tmp_path, content, forward="y").assumed)
+
+
 @pytest.mark.parametrize("skew", [0.0, 0.4, -0.3])
 @pytest.mark.parametrize("target", [0.0, 0.02])
 def test_the_assumed_ankle_puts_the_mean_cop_at_the_laws_target(tmp_path, skew, target):

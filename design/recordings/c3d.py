@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import os
 import struct
 import subprocess
@@ -20,8 +21,8 @@ from design.recordings.table import MAX_BYTES, Array, Table, check_cells, readab
 from design.recordings.units import FACTORS, factor, unit_of
 
 INSTALL = "pip install 'poise[c3d]'"
-SECONDS = 60
-"""How long the reader may take."""
+SECONDS, PACE = 10.0, 5e6
+"""How long the reader may take [s], besides a second for so many bytes."""
 MEMORY = 800_000_000
 """Address space of the reader [bytes], besides some times the file's size."""
 INTEL, DEC, SGI = 84, 85, 86
@@ -56,13 +57,14 @@ def _in_intel_order(content: bytes, path: str) -> bytes:
 
 def _run(source: Path, target: Path, size: int, path: str) -> None:
     """Run the reader; raises ``BadInput`` for whatever it ends with but a file of arrays."""
-    limits = (str(MEMORY + 12 * size), str(SECONDS))
+    seconds = SECONDS + size / PACE
+    limits = (str(MEMORY + 12 * size), str(math.ceil(seconds)))
     command = [sys.executable, "-P", c3d_reader.__file__, str(source), str(target), *limits]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     try:
-        ended = subprocess.run(command, capture_output=True, timeout=2 * SECONDS, env=environment, check=False)
+        ended = subprocess.run(command, capture_output=True, timeout=2 * seconds, env=environment, check=False)
     except subprocess.TimeoutExpired:
-        message = f"cannot be read as C3D within {SECONDS} s; export it again"
+        message = f"cannot be read as C3D within {2 * seconds:.2g} s; export it again"
         raise BadInput(message, file=path) from None
     if ended.returncode == 0 and target.exists():
         return

@@ -23,8 +23,8 @@ from design.recordings.units import FACTORS, factor, unit_of
 INSTALL = "pip install 'poise[c3d]'"
 SECONDS, PACE = 10.0, 5e6
 """How long the reader may take [s], besides a second for so many bytes."""
-MEMORY = 800_000_000
-"""Address space of the reader [bytes], besides some times the file's size."""
+MEMORY, TIMES, MOST_MEMORY = 800_000_000, 80, 4_000_000_000
+"""Address space of the reader [bytes], besides so many times the file's size, and the most."""
 INTEL, DEC, SGI = 84, 85, 86
 EDGES = (0.2, 2.0)
 """Lengths of a force plate's edge [m], by which a file that states no unit of position is read."""
@@ -58,7 +58,8 @@ def _in_intel_order(content: bytes, path: str) -> bytes:
 def _run(source: Path, target: Path, size: int, path: str) -> None:
     """Run the reader; raises ``BadInput`` for whatever it ends with but a file of arrays."""
     seconds = SECONDS + size / PACE
-    limits = (str(MEMORY + 12 * size), str(math.ceil(seconds)))
+    memory = min(MEMORY + TIMES * size, MOST_MEMORY)
+    limits = (str(memory), str(math.ceil(seconds)))
     command = [sys.executable, "-P", c3d_reader.__file__, str(source), str(target), *limits]
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     try:
@@ -72,7 +73,9 @@ def _run(source: Path, target: Path, size: int, path: str) -> None:
         message = "has no force plates (FORCE_PLATFORM:USED is 0); needs one; export markers as CSV"
         raise BadInput(message, file=path)
     reason = ended.stderr.decode("utf-8", "replace").strip()[-100:]
-    if ended.returncode != c3d_reader.UNREADABLE or "bad_alloc" in reason or not reason:
+    if "bad_alloc" in reason or "MemoryError" in reason:
+        reason = f"it would take more than {memory // 1_000_000:,} MB of memory"
+    elif ended.returncode != c3d_reader.UNREADABLE or not reason:
         reason = "its parameters contradict each other or its data, so that the reader fails"
     message = f"cannot be read as C3D: {reason}; export it again"
     raise BadInput(message, file=path)

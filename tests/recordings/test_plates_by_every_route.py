@@ -1,9 +1,11 @@
 """Plates, signs, axes, routes and formats: one known truth is read as the same numbers however it is written down."""
 
+import numpy as np
 import pytest
-from c3d_writer import DEC, INTEL, SGI
-from plate_files import AXES, BODY, FORMATS, RATE, SHARES, Truth, as_c3d
+from c3d_writer import DEC, INTEL, SGI, c3d
+from plate_files import AXES, BODY, FORMATS, RATE, SHARES, SWAY, TOTAL, Truth, as_c3d
 
+from design.errors import BadInput
 from design.recordings.files import table_of
 from design.recordings.reading import Reading
 from design.recordings.record import recorded
@@ -62,3 +64,47 @@ def test_a_c3d_file_of_every_processor_is_read(processor, integers, points):
     assert record.load == pytest.approx(truth.load, rel=1e-3)
     assert record.cop == pytest.approx(truth.cop, abs=1e-4)
     assert not any("in one frame" in each or "is in m" in each for each in record.assumed)
+
+
+CORNERS = np.array([[0.3, -0.3, -0.3, 0.3], [0.2, 0.2, -0.2, -0.2], [0, 0, 0, 0]]) + np.array([[0.5], [0.1], [0]])
+COP = 0.52 + 0.01 * SWAY
+NIL = 0 * SWAY
+
+
+def plate(analog, *, scale=1e3, **form):
+    """The record of a C3D file with one plate that has its corners at ``CORNERS`` [m], times ``scale`` there."""
+    pytest.importorskip("ezc3d", reason="ezc3d is not installed")
+    form = {"origins": [[0, 0, 0]], "labels": list("abcdefgh")[: len(analog)], **form}
+    content = c3d(np.stack(analog), rate=RATE, corners=[scale * CORNERS], **form)
+    how = Reading(forward="x")
+    return recorded(table_of(content, "trial.c3d", how), how, Subject(biped=BODY, given=True))
+
+
+@pytest.mark.parametrize(("moment", "times"), [("Nmm", 1e3), ("Nm", 1.0)])
+@pytest.mark.parametrize("depth", [0.0, -40.0])
+def test_a_plate_of_type_2_with_its_origin_below_the_surface_is_read(moment, times, depth):
+    fx = -5 * SWAY  # the moment is about the sensors, M = (p + o) x F, with o = (0, 0, depth) from there to the centre
+    my = -(COP - 0.5) * TOTAL + depth / 1e3 * fx
+    analog = [fx, NIL, TOTAL, NIL, times * my, NIL]
+    record = plate(analog, units=["N"] * 3 + [moment] * 3, origins=[[0, 0, depth]])
+    assert record.load == pytest.approx(TOTAL, rel=1e-5)
+    assert record.cop == pytest.approx(COP, abs=1e-5)
+
+
+def test_a_plate_of_type_3_with_four_sensors_is_read():
+    a, b = 0.2, 0.12  # the sensors are at (±a, ±b), from the first quadrant on
+    share = (COP - 0.5) / (4 * a) * TOTAL
+    corner = [TOTAL / 4 + sign * share for sign in (1, -1, -1, 1)]
+    analog = [-2.5 * SWAY, -2.5 * SWAY, NIL, NIL, *corner]
+    record = plate(analog, units=["N"] * 8, kind=3, per_plate=8, origins=[[1e3 * a, 1e3 * b, 0]])
+    assert record.load == pytest.approx(TOTAL, rel=1e-5)
+    assert record.cop == pytest.approx(COP, abs=1e-5)
+
+
+def test_the_unit_of_positions_must_fit_the_corners():
+    analog = [NIL, NIL, TOTAL, NIL, -1e3 * (COP - 0.5) * TOTAL, NIL]
+    units = ["N"] * 3 + ["Nmm"] * 3
+    assert plate(analog, units=units).cop == pytest.approx(COP, abs=1e-5)
+    assert plate(analog, units=units, points=0, scale=1.0).cop == pytest.approx(COP, abs=1e-5)
+    with pytest.raises(BadInput, match=r"states positions in m .* they fit in mm"):
+        plate(analog, units=units, position="m")

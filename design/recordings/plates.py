@@ -75,7 +75,7 @@ class Plate:
     @property
     def name(self) -> str:
         """How messages call it."""
-        return f"plate {self.tag}" if self.tag else f"plate of {self.fz.columns}"
+        return f"plate {self.tag}" if self.tag else f"plate of {self.fz.columns.removeprefix('-')}"
 
     @property
     def load(self) -> float:

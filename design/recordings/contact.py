@@ -67,88 +67,107 @@ def contact(
 
     ``gaps`` (n,): rows that are unreadable in another column; ``seconds``: how long the recording lasts.
     """
-    file = table.origin
     if not columns.plates:
         return _cop_alone(table, columns, how, gaps, subject, say)
+    file = table.origin
 
-    # each plate by itself: is there a load on it, is it the force on the foot, are its cells readable?
-    plates = with_load(columns.plates, file, say.notes)
-    if columns.get("toe") is None:
-        plates = tuple(upright(plate, say.notes, say.warnings) for plate in plates)
-    plates = with_origins(plates, how, file)
+    # each plate by itself: does somebody stand on it, is it the force on the foot?
+    plates = _judged(columns, how, file, say)
     total = added([plate.fz for plate in plates])
     usual = abs(usual_load(total.values))
+
+    # rows that are readable, loaded, and have a CoP
     for plate in plates:
         _check_readable(table, how, plate, usual)
-    lost = unreadable(plates, usual)
-    with np.errstate(invalid="ignore"):
-        empty = ~gaps & ~lost & ((total.values < UNLOADED * usual) | dropped(plates, total.values, usual))
+    lost, empty = _unusable(plates, total, usual, gaps, say)
     good = ~(gaps | lost | empty)
-    _check_rows(good, total, "load", file)
-
-    # the CoP of each plate, compared with its moment
-    sources, centres = centres_of(plates, good, usual, columns, subject, file, say)
-    for plate, cop in zip(plates, centres or [], strict=False):
-        gone = lost_cop(cop, good & (plate.fz.values > UNLOADED * usual))
-        if gone.any():
-            count = int(gone.sum())
-            say.notes.append(
-                f"CoP of exactly 0 under load, far from the others, in {count} row{'s' * (count != 1)}: masked"
-            )
-            lost, good = lost | gone, good & ~gone
     _check_rows(good, total, "load and a CoP", file)
     if good.mean() < 0.5:
         say.warnings.append(f"only {100 * good.mean():.0f} % of the rows can be used")
 
-    if (mixed := mixed_signs(plates)) and len({plate.negated for plate in plates}) == 1:
-        say.warnings.append(f"fx={mixed} turns the force of some plates and not of others: do they differ in sign?")
-
-    # the sum of the plates, compared with the body
-    horizontal = added([plate.fx for plate in plates if plate.fx]) if all(plate.fx for plate in plates) else None
-    taken = {"fz": total, **({sources[0]: sources[1]} if sources else {})}
-    if all(plate.my for plate in plates):
-        taken["my"] = added([plate.my for plate in plates if plate.my])
-    if horizontal is not None:
-        taken["fx"] = horizontal
-    mean = float(total.values[good].mean())
-    say.warnings += checks.weight(mean, total, subject.biped, given=subject.given, file=file, usual=columns.usual)
-    biped = subject.biped
-    if not subject.given:
-        biped = replace(biped, M=mean / biped.g - biped.m)
-        say.assumed.append(
-            f"mass {biped.M + biped.m:.4g} kg from the mean vertical force, so that the mean of F_y is zero"
-            " (give --spec)"
-        )
+    # the load of all, compared with the body; the CoP of each plate, compared with its moment
+    biped = _body(float(total.values[good].mean()), total, columns, subject, file, say)
+    sources, centres = centres_of(plates, good, usual, columns, subject, file, say)
     say_together(table, plates, good, sources, say)
-    fx = None if horizontal is None else horizontal.values
-    combined = None if centres is None else together(plates, centres, total.values, usual)
+
+    # the sum
+    parts = {
+        role: added([each for each in quantities if each])
+        for role, quantities in (("my", [plate.my for plate in plates]), ("fx", [plate.fx for plate in plates]))
+        if all(quantities)
+    }
     shared = Contact(
-        biped=biped,
-        empty=empty,
-        lost=lost,
-        load=total.values,
-        horizontal=fx,
-        taken=taken,
-        plates=plates,
-        cop=combined,
-    )
-    if columns.get("toe") is not None and columns.get("heel") is not None:
+        biped=biped, empty=empty, lost=lost, load=total.values, plates=plates,
+        horizontal=parts["fx"].values if "fx" in parts else None,
+        taken={"fz": total, **({sources[0]: sources[1]} if sources else {}), **parts},
+        cop=None if centres is None else together(plates, centres, total.values, usual),
+    )  # fmt: skip
+    if {"toe", "heel"} <= set(columns.quantities):
         return _toe_and_heel(shared, columns, subject, good, file, say)
-    if not subject.given:
-        say.assumed.append(
-            f"foot of the built-in adult-slope, {biped.ell:g} m from ankle to toe and heel (give --spec)"
-        )
-    assert combined is not None
     assert sources is not None
     confirmed = all(plate.my and plate.cop for plate in plates)
-    say.warnings += checks.reach(combined[good], *sources, biped.ell, seconds, file, confirmed=confirmed)
-    P, place, unknown = from_ankle(combined, good, how, columns, subject, say, total.values)
+    say.warnings += checks.reach(_cop(shared)[good], *sources, biped.ell, seconds, file, confirmed=confirmed)
+    return _under_the_foot(shared, columns, how, subject, good, file, say)
+
+
+def _judged(columns: Columns, how: Reading, file: str, say: Remarks) -> tuple[Plate, ...]:
+    """The plates with load, with the forces on the foot; toe and heel force keep their sign."""
+    plates = with_load(columns.plates, file, say.notes)
+    if "toe" not in columns.quantities:
+        plates = tuple(upright(plate, say.notes, say.warnings) for plate in plates)
+    if (mixed := mixed_signs(plates)) and len({plate.negated for plate in plates}) == 1:
+        say.warnings.append(f"fx={mixed} turns the force of some plates and not of others: do they differ in sign?")
+    return with_origins(plates, how, file)
+
+
+def _unusable(
+    plates: tuple[Plate, ...], total: Quantity, usual: float, gaps: Flags, say: Remarks
+) -> tuple[Flags, Flags]:
+    """Rows without a number or a CoP that the sum needs, and rows without load: drop-outs."""
+    lost = unreadable(plates, usual)
+    with np.errstate(invalid="ignore"):
+        empty = ~gaps & ~lost & ((total.values < UNLOADED * usual) | dropped(plates, total.values, usual))
+    for plate in plates:
+        if plate.cop is None:
+            continue
+        loaded = ~(gaps | lost | empty) & (plate.fz.values > UNLOADED * usual)
+        gone = lost_cop(plate.cop.values, loaded)
+        if gone.any():
+            rows = f"{int(gone.sum())} row{'s' * (int(gone.sum()) != 1)}"
+            say.notes.append(f"CoP of exactly 0 under load, far from the others, in {rows}: masked")
+            lost = lost | gone
+    return lost, empty
+
+
+def _body(mean: float, total: Quantity, columns: Columns, subject: Subject, file: str, say: Remarks) -> Biped:
+    """The body that the ``mean`` vertical force [N] fits; its mass follows from it where no spec gives it."""
+    say.warnings += checks.weight(mean, total, subject.biped, given=subject.given, file=file, usual=columns.usual)
+    if subject.given:
+        return subject.biped
+    biped = replace(subject.biped, M=mean / subject.biped.g - subject.biped.m)
+    say.assumed.append(
+        f"mass {biped.M + biped.m:.4g} kg from the mean vertical force, so that the mean of F_y is zero (give --spec)"
+    )
+    return biped
+
+
+def _cop(shared: Contact) -> Array:
+    assert shared.cop is not None
+    return shared.cop
+
+
+def _under_the_foot(
+    shared: Contact, columns: Columns, how: Reading, subject: Subject, good: Flags, file: str, say: Remarks
+) -> Contact:
+    """Toe and heel force from load and CoP, (18), once it is known where the ankle is."""
+    biped, load = shared.biped, shared.load
+    assert load is not None
+    if not subject.given:
+        say.assumed.append(_assumed_foot(biped))
+    P, place, unknown = from_ankle(_cop(shared), good, how, columns, subject, say, load)
     checks.within(P[good], max(biped.toe, biped.heel), place, file)
-    difference = (P - biped.ell * biped.skew) * total.values / biped.ell  # (18)
-    return replace(
-        shared, F_T=0.5 * (total.values + difference), F_H=0.5 * (total.values - difference), P=P,
-        ankle_assumed=unknown,
-    )  # fmt: skip
+    difference = (P - biped.ell * biped.skew) * load / biped.ell
+    return replace(shared, F_T=0.5 * (load + difference), F_H=0.5 * (load - difference), P=P, ankle_assumed=unknown)
 
 
 def _check_readable(table: Table, how: Reading, plate: Plate, usual: float) -> None:

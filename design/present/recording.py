@@ -18,6 +18,7 @@ from design.present.report import Report
 from design.present.text import number, table, wrapped
 from design.recordings.reading import Reading
 from design.recordings.record import Record, open_record
+from design.recordings.table import printable
 from design.spec.load import Source, load
 from design.spec.setting import setting
 
@@ -71,7 +72,7 @@ def _remark(record: Record, *, strict: bool) -> None:
         if strict:
             message = f"{remark} (--strict)"
             raise BadInput(message, file=record.origin)
-        terminal.note(f"warning: {record.origin}: {remark}")
+        terminal.note(f"warning: {printable(record.origin)}: {remark}")
 
 
 def render(
@@ -146,7 +147,7 @@ def as_text(result: Measured) -> str:
     """The words for a terminal."""
     record, found = result.record, result.found
     span = float(record.t[-1] - record.t[0])
-    lines = wrapped(f"{record.origin}: {len(record.t):,} samples, {span:g} s at {record.rate:g} Hz")
+    lines = wrapped(f"{printable(record.origin)}: {len(record.t):,} samples, {span:g} s at {record.rate:g} Hz")
     lines += wrapped(f"read: {'; '.join(record.notes)}", "  ")
     lines += wrapped("taken: " + ", ".join(f"{role} = {said}" for role, said in record.columns.items()), "  ")
     lines += [line for said in record.assumed for line in wrapped(f"ASSUMED: {said}", "  ")]

@@ -19,6 +19,9 @@ def with_origins(plates: tuple[Plate, ...], how: Reading, file: str) -> tuple[Pl
     """The plates with the forward positions of their origins, as the user gives them."""
     if how.origins is None:
         return plates
+    if not any(plate.my for plate in plates):
+        message = "is where moments are about, and none is read; leave it out, or give my=COLUMN"
+        raise BadInput(message, file=file, key="--origins")
     text, _, unit = how.origins.partition(":")
     places = [position(part + (f":{unit}" if unit else ""), "--origins") for part in text.split(",")]
     if len(places) != len(plates):

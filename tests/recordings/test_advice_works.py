@@ -124,6 +124,9 @@ def test_moments_about_different_origins_need_the_origins(tmp_path):
             assert record.cop == pytest.approx(BOTH, abs=1e-6)
     with pytest.raises(BadInput, match="one of each, in this order"):
         open_record(str(path), Reading(origins="0.3"), BODY, given=True)
+    path.write_text(two())
+    with pytest.raises(BadInput, match="and none is read"):
+        open_record(str(path), Reading(origins="0.3,-0.3"), BODY, given=True)
 
 
 def test_a_plate_is_turned_whole_or_what_was_not_turned_is_said(tmp_path):

@@ -14,7 +14,7 @@ from design.recordings import names as usual
 from design.recordings.axes import axes, by_axis
 from design.recordings.finder import Finder, check_alike, check_cells, quantity_of
 from design.recordings.names import Known
-from design.recordings.plate_columns import OF_A_PLATE, PlateColumns, foot_plate, plate_columns, usual_columns
+from design.recordings.plate_columns import OF_A_PLATE, PlateColumns, foot_plate, left_out, plate_columns, usual_columns
 from design.recordings.plates import UNLOADED, Plate, Quantity, some
 from design.recordings.reading import Reading
 from design.recordings.remedies import Misfit, Remedy
@@ -42,6 +42,7 @@ class Columns:
     cop: Quantity | None
     notes: tuple[str, ...]
     assumed: tuple[str, ...]
+    warnings: tuple[str, ...]
     selected: frozenset[str]
     usual: tuple[Remedy, ...]
 
@@ -77,8 +78,12 @@ def assign(table: Table, how: Reading) -> Columns:
     records, cop = _records(find, plates, quantities if foot else None)
     if find.axes.assumed and ("com_x" in parts or any({"cop", "fx", "my"} & set(each.parts) for each in plates)):
         find.assumed.append(f"{find.axes.forward} points forward, to the toes (give --forward){_beside(find, records)}")
+    missing = [] if foot else left_out(find, plates)
+    if missing and any("cop" in each.given or "fz" in each.given for each in plates):
+        find.warnings.append(f"other plates bear load too, and are left out: {', '.join(missing)}")
     return Columns(
         quantities=quantities, plates=records, cop=cop, notes=tuple(find.notes), assumed=tuple(find.assumed),
+        warnings=tuple(find.warnings),
         selected=frozenset(role for role, choice in selected.items() if choice),
         usual=tuple(usual_columns(find, plates)),
     )  # fmt: skip

@@ -30,6 +30,7 @@ class Finder:
     axes: Axes
     notes: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
 
 
 def quantity_of(find: Finder, role: str, parts: Parts) -> Quantity:

@@ -11,7 +11,7 @@ from design.errors import BadInput
 from design.recordings import names as usual
 from design.recordings.finder import Finder, check_alike, column_unit
 from design.recordings.names import Known
-from design.recordings.plates import some
+from design.recordings.plates import UNLOADED, some, usual_load
 from design.recordings.remedies import Misfit, Remedy
 from design.recordings.selection import ROLES, Parts, joined, negated
 from design.recordings.table import Array, Table
@@ -48,6 +48,7 @@ def plate_columns(find: Finder) -> list[PlateColumns]:
             for part in choice.parts
         ]
     for role in OF_A_PLATE:
+        _check_one_axis(find, role)
         if role == given:
             continue
         if role in find.selected:
@@ -71,6 +72,35 @@ def candidates(find: Finder, role: str) -> dict[str, list[int]]:
 def _sign(find: Finder, role: str, index: int) -> int:
     """The sign of a column that is known by its axis; a name that says the role has none."""
     return 1 if find.known[index].role else find.axes.of(role)[2]
+
+
+def _check_one_axis(find: Finder, role: str) -> None:
+    """Raise ``BadInput`` for selected columns of one role whose names name different axes."""
+    choice = find.selected.get(role)
+    named = [find.known[index].axis for index, _ in choice.parts if index in find.known] if choice else []
+    if choice and len({axis for axis in named if axis}) > 1:
+        label = joined(choice.parts, find.table.names)
+        message = f"has {role}={label}, whose columns are along different axes ({', '.join(named)}); needs one axis"
+        raise BadInput(message, file=find.table.origin)
+
+
+def left_out(find: Finder, plates: list[PlateColumns]) -> list[str]:
+    """Vertical forces in the file that bear load and belong to no plate of the selection, in words.
+
+    None where the selection is the net of all plates, or no plate is named.
+    """
+    tags = {plate.tag for plate in plates}
+    chosen = [abs(usual_load(_si(find, "fz", plate.parts["fz"][0]))) for plate in plates if "fz" in plate.parts]
+    used = {plate.parts["fz"][0] for plate in plates if "fz" in plate.parts}
+    others = {tag: columns[0] for tag, columns in candidates(find, "fz").items() if tag not in tags and tag != "net"}
+    if not chosen or "" in tags or "net" in tags or not find.axes.up:
+        return []
+    loads = {index: abs(usual_load(_si(find, "fz", index))) for index in others.values() if index not in used}
+    whole = sum(chosen)
+    return [
+        f"{find.table.names[index]} ({load:.4g} N)" for index, load in loads.items()
+        if load > UNLOADED * whole and abs(load - whole) > SAME * whole
+    ]  # fmt: skip
 
 
 def _automatic_tags(find: Finder, named: dict[str, dict[str, list[int]]], *, one: bool) -> list[str]:

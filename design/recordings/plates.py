@@ -101,7 +101,7 @@ def with_load(plates: tuple[Plate, ...], file: str, notes: list[str]) -> tuple[P
     most = max(abs(plate.load) for plate in plates)
     if most == 0:
         where = f"column{'s' * (len(plates) > 1)} {'+'.join(plate.fz.columns for plate in plates)}"
-        message = "is zero in every row; needs the vertical force of a loaded plate"
+        message = "is zero in every row, or no number; needs the vertical force of a loaded plate"
         raise BadInput(message, file=file, key=where)
     kept = []
     for plate in plates:

@@ -121,6 +121,7 @@ class Trial:
         file, t, say = self.table.origin, self.time.t, self.say
         say.notes += [*self.columns.notes, *self.time.said]
         say.assumed += self.columns.assumed
+        say.warnings += self.columns.warnings
         gaps = self._gaps()
 
         # contact: load, toe and heel force, CoP

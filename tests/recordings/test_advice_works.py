@@ -129,6 +129,18 @@ def test_moments_about_different_origins_need_the_origins(tmp_path):
         open_record(str(path), Reading(origins="0.3,-0.3"), BODY, given=True)
 
 
+def test_plates_with_load_that_a_selection_leaves_out_are_named(tmp_path):
+    path = tmp_path / "trial.csv"
+    path.write_text(two())
+    for columns in ("cop=COPx2", "fz=Fz2,cop=COPx2", "fz=Fz2"):
+        record = open_record(str(path), Reading(columns=columns), BODY, given=False)
+        assert "Fz1 (2" in record.warnings[0]
+    assert not open_record(str(path), Reading(columns="cop=COPx2+COPx1"), BODY, given=False).warnings
+    path.write_text(two(COPy1=COPS[0], COPy2=COPS[1]))
+    with pytest.raises(BadInput, match="along different axes"):
+        open_record(str(path), Reading(columns="cop=COPx1+COPy2"), BODY, given=True)
+
+
 def test_a_plate_is_turned_whole_or_what_was_not_turned_is_said(tmp_path):
     path = tmp_path / "trial.csv"
     path.write_text(text(Time=T, Fx=-FX, Fz=-FZ, My=COP * FZ))

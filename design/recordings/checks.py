@@ -129,6 +129,9 @@ def agreement(
     if -1.25 < slope < -0.8:
         message = f"CoP is minus {formula}: the sign of the moment, or of the axis"
         remedies = [Remedy(options={"my": negated(labels["my"])}), WITHOUT] if moment else []
+        if moment and moment.columns != labels["my"]:  # one plate's alone
+            parts = [negated(part) if part == moment.columns else part for part in labels["my"].split("+")]
+            remedies.insert(1, Remedy(options={"my": "+".join(parts)}))
         raise Misfit(message, file=file, key=where, remedies=remedies, otherwise="give --forward with the other sign")
     message = f"CoP (read in {quantity.unit}) is {plain:.4g} times {formula}; needs 1"
     remedies = in_units("cop", labels["cop"], "position", quantity.unit, plain, 0.25)

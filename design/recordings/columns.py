@@ -172,7 +172,8 @@ def _check_enough(find: Finder, roles: set[str], plates: list[PlateColumns]) -> 
                 f"has more than one column of vertical force ({names}), and no CoP or moment that belongs to {without}"
             )
         else:
-            message = f"has a vertical force ({names}) but neither cop nor my was found"
+            several = " of each plate" if len(forces) > 1 else ""
+            message = f"has a vertical force ({names}) but neither cop nor my{several} was found"
         raise Misfit(message, file=table.origin, remedies=remedies, otherwise=give)
     _check_units(find)
     if len(plates) == 1 and "cop" in plates[0].parts:

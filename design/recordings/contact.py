@@ -22,6 +22,7 @@ from design.recordings.plates import (
     Plate,
     Quantity,
     added,
+    check_one_sign,
     dropped,
     lost_cop,
     mixed_signs,
@@ -87,6 +88,8 @@ def contact(
 
     # the load of all, compared with the body; the CoP of each plate, compared with its moment
     biped = _body(float(total.values[good].mean()), total, columns, subject, file, say)
+    for plate in plates:
+        check_one_sign(plate, file)
     sources, centres = centres_of(plates, good, usual, columns, subject, file, say)
     say_together(table, plates, good, sources, say)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from design.errors import BadInput
 from design.recordings import names as usual
+from design.recordings.axes import axes
 from design.recordings.finder import Finder, check_alike, column_unit
 from design.recordings.names import Known
 from design.recordings.plates import UNLOADED, some, usual_load
@@ -227,9 +228,9 @@ def foot_plate(find: Finder) -> list[PlateColumns]:
 def usual_columns(find: Finder, plates: list[PlateColumns]) -> list[Remedy]:
     """The columns of all plates by usual names, or by names that resemble them; none if these are ``plates``."""
     for known in (find.known, _resembling(find.table)):
-        other = replace(find, selected={}, known=known, notes=[], assumed=[])
         try:
-            own = plate_columns(other)
+            own_axes = find.axes if known is find.known else axes(find.table, find.how, {}, known, [])
+            own = plate_columns(replace(find, selected={}, known=known, axes=own_axes, notes=[], assumed=[]))
         except BadInput:
             continue
         options = {
@@ -243,7 +244,7 @@ def usual_columns(find: Finder, plates: list[PlateColumns]) -> list[Remedy]:
         if {"fz", "cop"} <= set(options) or {"fz", "my"} <= set(options):
             chosen = [(plate.parts.get("fz"), plate.parts.get("cop")) for plate in own]
             if chosen == [(plate.parts.get("fz"), plate.parts.get("cop")) for plate in plates]:
-                return []
+                continue
             remedies = [Remedy(options={**dict.fromkeys(OF_A_PLATE, ""), **options})]
             if "fx" in options:  # the sign with which fewer warnings come is proposed
                 remedies.append(Remedy(options={**remedies[0].options, "fx": negated(options["fx"])}))

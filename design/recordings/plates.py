@@ -112,6 +112,18 @@ def with_load(plates: tuple[Plate, ...], file: str, notes: list[str]) -> tuple[P
     return tuple(kept)
 
 
+def check_one_sign(plate: Plate, file: str) -> None:
+    """Raise ``BadInput`` for a vertical force that is large in both directions."""
+    force = some(plate.fz.values)
+    part = float(np.mean(force < -0.5 * abs(plate.load))), float(np.mean(force > 0.5 * abs(plate.load)))
+    if min(part) > 0.01:
+        message = (
+            f"is large and negative in {100 * part[0]:.0f} % of the rows, and positive in {100 * part[1]:.0f} %; needs"
+            " the vertical force of a plate, which has one sign; keep one part of the recording, or mend its signs"
+        )
+        raise BadInput(message, file=file, key=f"column {plate.fz.columns}")
+
+
 def upright(plate: Plate, notes: list[str], warnings: list[str]) -> Plate:
     """The plate with the forces on the foot: turned whole if its vertical force is negative throughout.
 

@@ -53,6 +53,10 @@ CASES = {
     "a hole in the stamps": (text(Time=UNEVEN, Fz=FZ, COPx=COP), {}, COP),
     "a cell of text": (re.sub(r"\n0\.5,[^,]*,", "\n0.5,abc,", text(Time=T, Fz=FZ, COPx=COP)), {}, COP),
     "names that are not usual": (two(("left__Fvert", "left__CPap", "right__Fvert", "right__CPap")), {}, BOTH),
+    "an axis in names that are not usual ones": (two(("left__Fz", "left__COPx", "other__Fz", "other__COPx")), {}, BOTH),
+    "the moment of one plate of two with the other sign": (
+        two(My1=-LOADS[0] * COPS[0], My2=LOADS[1] * COPS[1]), {}, BOTH,
+    ),
     "one CoP of two": (two(), {"columns": "fz=Fz1+Fz2,cop=COPx1"}, BOTH),
     "the same CoP twice": (two(), {"columns": "fz=Fz1+Fz2,cop=COPx1+COPx1"}, BOTH),
     "the other plate's CoP": (two(), {"columns": "fz=Fz1,cop=COPx2"}, BOTH),

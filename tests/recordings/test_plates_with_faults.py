@@ -140,6 +140,13 @@ def test_a_cop_alone_tells_what_it_can(tmp_path):
         read(tmp_path, text("Time,CoPx1,CoPx2", T, COPS[0], COPS[1]))
 
 
+def test_a_load_of_both_signs_is_refused_and_not_masked_as_a_drop_out(tmp_path):
+    for part in (0.1, 0.5, 0.8):
+        content = text("Time,Fz,COPx", T, np.where(np.arange(N) < part * N, -FZ, FZ), COPS[0])
+        with pytest.raises(BadInput, match="one sign"):
+            read(tmp_path, content)
+
+
 def test_the_sum_of_the_plates_is_not_added_to_them(tmp_path):
     loads = [SHARE * FZ, (1 - SHARE) * FZ]
     truth = SHARE * COPS[0] + (1 - SHARE) * COPS[1]

@@ -79,7 +79,7 @@ def assign(table: Table, how: Reading) -> Columns:
     if find.axes.assumed and ("com_x" in parts or any({"cop", "fx", "my"} & set(each.parts) for each in plates)):
         find.assumed.append(f"{find.axes.forward} points forward, to the toes (give --forward){_beside(find, records)}")
     missing = [] if foot else left_out(find, plates)
-    if missing and any("cop" in each.given or "fz" in each.given for each in plates):
+    if missing and any("cop" in each.selected or "fz" in each.selected for each in plates):
         find.warnings.append(f"other plates bear load too, and are left out: {', '.join(missing)}")
     return Columns(
         quantities=quantities, plates=records, cop=cop, notes=tuple(find.notes), assumed=tuple(find.assumed),
@@ -211,11 +211,11 @@ def _records(
             own["fz"] = replace(toe, values=toe.values + heel.values, columns=f"{toe.columns}+{heel.columns}")
         if "fz" not in own:
             return tuple(records), own.get("cop")
-        negated = plate.parts.get("fz", (0, 1))[1] < 0 and "fz" in plate.given
+        negated = plate.parts.get("fz", (0, 1))[1] < 0 and "fz" in plate.selected
         records.append(
             Plate(
                 tag=plate.tag, fz=own["fz"], fx=own.get("fx"), my=own.get("my"), cop=own.get("cop"),
-                selected=plate.given, negated=negated,
+                selected=plate.selected, negated=negated,
             )
         )  # fmt: skip
     return tuple(records), None

@@ -75,18 +75,18 @@ def column_unit(find: Finder, role: str, index: int) -> tuple[str, bool]:
     if stated and factor(stated, kind) is None:
         message = f"is in {stated}, and {role} is a {kind}; allowed: {', '.join(FACTORS[kind])}"
         raise BadInput(message, file=find.table.origin, key=f"column {name}")
-    given = choice.unit if choice else None
+    own = choice.unit if choice else None
     odd = bracketed(name)
-    if odd and not stated and not given:
+    if odd and not stated and not own:
         message = (
             f"states the unit {odd[1]!r}, which is not known; {role} needs one of {units_listed(kind)}: give"
             f" --columns '{role}={name}:UNIT', or convert the column"
         )
         raise BadInput(message, file=find.table.origin, key=f"column {name}")
-    if given and stated and given != stated:
-        message = f"is in {stated} by the file, and --columns says {given}; leave the unit out, or correct the header"
+    if own and stated and own != stated:
+        message = f"is in {stated} by the file, and --columns says {own}; leave the unit out, or correct the header"
         raise BadInput(message, file=find.table.origin, key=f"column {name}")
-    return given or stated or next(iter(FACTORS[kind])), bool(given or stated)
+    return own or stated or next(iter(FACTORS[kind])), bool(own or stated)
 
 
 def check_alike(find: Finder, role: str, columns: list[int]) -> None:

@@ -26,31 +26,31 @@ SAME = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class PlateColumns:
-    """The columns of one plate by role, each with its sign; ``given``: the roles that the user selected."""
+    """The columns of one plate by role, each with its sign; ``selected``: the roles that the user gave."""
 
     tag: str
     parts: dict[str, tuple[int, int]]
-    given: frozenset[str] = frozenset()
+    selected: frozenset[str] = frozenset()
 
 
 def plate_columns(find: Finder) -> list[PlateColumns]:
     """The columns of each plate, by the user's selection and, for the roles that it leaves out, by usual names."""
     named = {role: candidates(find, role) for role in OF_A_PLATE}
-    given = next((role for role in OF_A_PLATE if find.selected.get(role)), None)
+    leading = next((role for role in OF_A_PLATE if find.selected.get(role)), None)
     one = all(len({each.tag for each in find.known.values() if each.kind == kind}) <= 1 for kind in FORCES)
     one = one and len(named["fz"]) <= 1
-    if given is None:
+    if leading is None:
         plates = [PlateColumns(tag=tag, parts={}) for tag in _automatic_tags(find, named, one=one)]
     else:
-        choice = find.selected[given]
+        choice = find.selected[leading]
         assert choice is not None
         plates = [
-            PlateColumns(tag=_tag(find, part[0]) or "", parts={given: part}, given=frozenset([given]))
+            PlateColumns(tag=_tag(find, part[0]) or "", parts={leading: part}, selected=frozenset([leading]))
             for part in choice.parts
         ]
     for role in OF_A_PLATE:
         _check_one_axis(find, role)
-        if role == given:
+        if role == leading:
             continue
         if role in find.selected:
             other = find.selected[role]
@@ -157,8 +157,8 @@ def _completed(
 
 def _paired(find: Finder, role: str, parts: Parts, plates: list[PlateColumns], *, one: bool) -> list[PlateColumns]:
     """The plates with the columns ``parts`` that the user gives for a ``role``: by their names, else in their order."""
-    given = next(iter(plates[0].given), "fz") if plates else "fz"
-    loads = [plate.parts[given] for plate in plates]
+    leading = next((each for each in OF_A_PLATE if plates and each in plates[0].selected), "fz")
+    loads = [plate.parts[leading] for plate in plates]
     label, own_label = joined(tuple(loads), find.table.names), joined(parts, find.table.names)
     tags, own = [_tag(find, index) for index, _ in loads], [_tag(find, index) for index, _ in parts]
     named = None not in tags and None not in own and not (one and len(plates) == len(parts) == 1)
@@ -169,8 +169,8 @@ def _paired(find: Finder, role: str, parts: Parts, plates: list[PlateColumns], *
             return f"of plate {' and '.join(tag or '?' for tag in them)}" if named else f"({count})"
 
         message = (
-            f"has {given}={label} {of(tags, len(loads))} and {role}={own_label} {of(own, len(parts))}; needs columns of"
-            " the same plates, one of each"
+            f"has {leading}={label} {of(tags, len(loads))} and {role}={own_label} {of(own, len(parts))}; needs"
+            " columns of the same plates, one of each"
         )
         remedies = [Remedy(options={role: ""}), *usual_columns(find, plates)]
         raise Misfit(message, file=find.table.origin, remedies=remedies)
@@ -182,9 +182,9 @@ def _paired(find: Finder, role: str, parts: Parts, plates: list[PlateColumns], *
                 f"{joined((a,), find.table.names)} with {joined((b,), find.table.names)}"
                 for a, b in zip(loads, parts, strict=True)
             )
-            find.assumed.append(f"columns of {given} and {role} belong together in the order given: {pairs}")
+            find.assumed.append(f"columns of {leading} and {role} belong together in the order given: {pairs}")
     return [
-        replace(plate, parts={**plate.parts, role: parts[k]}, given=plate.given | {role})
+        replace(plate, parts={**plate.parts, role: parts[k]}, selected=plate.selected | {role})
         for plate, k in zip(plates, order, strict=True)
     ]
 
@@ -221,8 +221,8 @@ def foot_plate(find: Finder) -> list[PlateColumns]:
             columns = next(iter(named.values()))
             check_alike(find, role, columns)
             parts[role] = (columns[0], _sign(find, role, columns[0]))
-    given = frozenset(role for role in parts if find.selected.get(role))
-    return [PlateColumns(tag="", parts=parts, given=given)]
+    selected = frozenset(role for role in parts if find.selected.get(role))
+    return [PlateColumns(tag="", parts=parts, selected=selected)]
 
 
 def usual_columns(find: Finder, plates: list[PlateColumns]) -> list[Remedy]:

@@ -33,7 +33,7 @@ class Record:
     ``horizontal``: forward force of the ground on the foot. ``valid``: samples with every needed number and load;
     ``dropouts``: samples without load; ``gaps``: samples with an unreadable or a missing value. ``given``: ``biped`` is
     the user's spec, not an assumption; ``ankle_assumed``: nobody stated where the ankle is, and the mean of ``P`` is
-    the law's target. ``plates``: those with load, in the table's rows. ``notes``: what was read and detected;
+    the law's target. ``plates``: those with load, in words. ``notes``: what was read and detected;
     ``assumed``: what nobody stated; ``warnings``.
     """
 

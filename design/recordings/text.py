@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ class Lines(Sequence[str]):
     def __len__(self) -> int:
         return len(self.starts)
 
-    def __getitem__(self, index):  # type: ignore[no-untyped-def]
+    def __getitem__(self, index: Any) -> Any:
         """The text of one line."""
         return self.content[self.starts[index] : self.ends[index]].decode("utf-8", "replace")
 
@@ -46,14 +47,14 @@ class Lines(Sequence[str]):
         """Which lines after the ``skipped`` ones hold more than delimiters."""
         empty = np.zeros(256, dtype=bool)
         empty[list(b" \t,;\n")] = True
-        found = []
+        parts = []
         for first in range(skipped, len(self), CHUNK):
             last = min(first + CHUNK, len(self))
             begin = int(self.starts[first])
             part = np.frombuffer(self.content[begin : int(self.ends[last - 1]) + 1] + b"\n", dtype=np.uint8)
             holds = np.logical_or.reduceat(~empty[part], self.starts[first:last] - begin)
-            found.append((first + np.flatnonzero(holds)).astype(np.int32))
-        return np.concatenate(found) if found else np.zeros(0, dtype=np.int32)
+            parts.append((first + np.flatnonzero(holds)).astype(np.int32))
+        return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int32)
 
 
 def lines_of(content: bytes) -> Lines:

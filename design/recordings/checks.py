@@ -26,24 +26,30 @@ MASSES = (20.0, 200.0)
 WITHOUT = Remedy(options={"my": "none"}, when=" to leave the moment out", last=True)
 
 
-def in_units(role: str, columns: str, kind: Kind, now: str, ratio: float, most: float) -> list[Remedy]:
-    """The units in which ``columns`` would be ``ratio`` times smaller, nearest first, within a factor e^``most``."""
+def in_units(columns: dict[str, str], kind: Kind, now: str, ratio: float, most: float) -> list[Remedy]:
+    """The unit in which ``columns``, by role, would be about ``ratio`` times smaller: within a factor e^``most``."""
     off = {
         unit: abs(math.log(abs(ratio) * scale / FACTORS[kind][now])) if ratio else math.inf
         for unit, scale in FACTORS[kind].items() if unit != now
     }  # fmt: skip
-    near = sorted((unit for unit in off if off[unit] < most), key=lambda unit: off[unit])
+    near = sorted((unit for unit in off if off[unit] < most), key=lambda unit: off[unit])[:1]
     return [
-        Remedy(options={role: f"{columns}:{unit}"}, when=f" (it fits if the column is in {unit})") for unit in near[:1]
+        Remedy(
+            options={role: f"{label}:{unit}" for role, label in columns.items()},
+            when=f" (it fits if the column is in {unit})",
+        )
+        for unit in near
     ]
 
 
 def weight(
-    mean: float, quantity: Quantity, biped: Biped, *, given: bool, file: str, usual: tuple[Remedy, ...] = ()
-) -> list[str]:
+    mean: float, quantity: Quantity, biped: Biped, *, given: bool, file: str, forces: dict[str, str],
+    usual: tuple[Remedy, ...] = (),
+) -> list[str]:  # fmt: skip
     """Compare the ``mean`` vertical force [N] with the weight of ``biped``, or (not ``given``) with a person's.
 
-    ``usual``: the columns that usual names select, if the user selected others.
+    ``forces``: the columns that it is the sum of, by role; ``usual``: those that usual names select, if the user
+    selected others.
     """
     where = f"column{'s' * ('+' in quantity.columns)} {quantity.columns}"
     if not given:
@@ -54,7 +60,7 @@ def weight(
             f"mean vertical force {mean:.5g} N (read in {quantity.unit}) is the weight of {mean / biped.g:.4g} kg;"
             f" needs a standing person's, {low:g} to {high:g} kg, or another body's given by --spec"
         )
-        raise _unlike(message, where, mean / (70 * biped.g), quantity, file, usual)
+        raise _unlike(message, where, mean / (70 * biped.g), quantity, file, forces, usual)
     ratio = mean / biped.weight
     body = f"the weight (M+m) g = {biped.weight:.5g} N of the spec"
     if not LIGHT <= ratio <= HEAVY:
@@ -62,7 +68,7 @@ def weight(
             f"mean vertical force {mean:.5g} N (read in {quantity.unit}) is {ratio:.3g} times {body}; needs"
             f" {LIGHT:g} to {HEAVY:g} times"
         )
-        raise _unlike(message, where, ratio, quantity, file, usual)
+        raise _unlike(message, where, ratio, quantity, file, forces, usual)
     if abs(ratio - 1) > NEAR:
         return [
             f"mean vertical force {mean:.5g} N is {100 * (ratio - 1):+.0f} % off {body}: is it this body's recording?"
@@ -70,16 +76,19 @@ def weight(
     return []
 
 
-def _unlike(message: str, where: str, ratio: float, quantity: Quantity, file: str, usual: tuple[Remedy, ...]) -> Misfit:
+def _unlike(
+    message: str, where: str, ratio: float, quantity: Quantity, file: str, forces: dict[str, str],
+    usual: tuple[Remedy, ...],
+) -> Misfit:  # fmt: skip
     """The refusal of a vertical force that is ``ratio`` times the weight, with its likely reasons."""
-    remedies = in_units("fz", quantity.columns, "force", quantity.unit, ratio, 0.35)
-    remedies += [replace(remedy, last=True) for remedy in usual]
+    units = in_units(forces, "force", quantity.unit, ratio, 0.35)
+    remedies = [*units, *(replace(remedy, last=True) for remedy in usual)]
     otherwise = "give the right column and unit: --columns fz=COLUMN:UNIT, or another --spec"
     if ratio < 0:
         message += "; it is negative and positive by turns: no plate's load is"
-    elif (not remedies and ratio < 0.1) or (usual is not None and ratio < 0.1):
-        message += "; it looks like a horizontal component"
-        otherwise = "give --up, or fz=COLUMN of the vertical one"
+    elif ratio < 0.09:
+        message += "" if units else "; it looks like a horizontal component"
+        otherwise = "give --up, or fz=COLUMN of the vertical one, or another --spec"
     elif 0.09 <= ratio < 0.7:
         message += "; is it one of two plates, or another body's?"
         otherwise = "join the plates, fz=COLUMN1+COLUMN2, or give that body's --spec"
@@ -134,9 +143,9 @@ def agreement(
             remedies.insert(1, Remedy(options={"my": "+".join(parts)}))
         raise Misfit(message, file=file, key=where, remedies=remedies, otherwise="give --forward with the other sign")
     message = f"CoP (read in {quantity.unit}) is {plain:.4g} times {formula}; needs 1"
-    remedies = in_units("cop", labels["cop"], "position", quantity.unit, plain, 0.25)
+    remedies = in_units({"cop": labels["cop"]}, "position", quantity.unit, plain, 0.25)
     if moment is not None:
-        remedies += in_units("my", labels["my"], "moment", moment.unit, 1 / plain, 0.25) if plain else []
+        remedies += in_units({"my": labels["my"]}, "moment", moment.unit, 1 / plain, 0.25) if plain else []
         remedies.append(WITHOUT)
     raise Misfit(
         message, file=file, key=where, remedies=remedies, otherwise="give the units of cop, my and fz with --columns"

@@ -144,7 +144,13 @@ def _unusable(
 
 def _body(mean: float, total: Quantity, columns: Columns, subject: Subject, file: str, say: Remarks) -> Biped:
     """The body that the ``mean`` vertical force [N] fits; its mass follows from it where no spec gives it."""
-    say.warnings += checks.weight(mean, total, subject.biped, given=subject.given, file=file, usual=columns.usual)
+    foot: dict[str, str] = {
+        role: columns.quantities[role].columns for role in ("toe", "heel") if role in columns.quantities
+    }
+    say.warnings += checks.weight(
+        mean, total, subject.biped, given=subject.given, file=file, forces=foot or {"fz": total.columns},
+        usual=columns.usual,
+    )  # fmt: skip
     if subject.given:
         return subject.biped
     biped = replace(subject.biped, M=mean / subject.biped.g - subject.biped.m)

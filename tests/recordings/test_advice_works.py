@@ -42,6 +42,9 @@ CASES = {
     "kN": (text(Time=T, Fz=FZ / 1e3, COPx=COP), {}, COP),
     "kgf": (text(Time=T, Fz=FZ / 9.80665, COPx=COP), {}, COP),
     "lbf": (text(Time=T, Fz=FZ / 4.44822, COPx=COP), {}, COP),
+    "toe and heel in kN": (
+        text(Time=T, toe=FZ * (0.24 + COP) / 480, heel=FZ * (0.24 - COP) / 480, COPx=COP / 2), {}, COP / 2,
+    ),
     "CoP in cm": (text(Time=T, Fz=FZ, COPx=100 * COP), {}, COP),
     "CoP in mm beside the moment": (text(Time=T, Fz=FZ, COPx=1e3 * COP, My=-COP * FZ), {}, COP),
     "moment in N mm": (text(Time=T, Fz=FZ, My=-1e3 * COP * FZ), {}, COP),

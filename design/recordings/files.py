@@ -26,6 +26,9 @@ SIGNATURES = (
 
 def table_of(content: bytes, path: str, how: Reading) -> Table:
     """The table in the ``content`` of the file ``path``: text, .npy, .npz, .xlsx or .c3d; raises ``BadInput``."""
+    if how.skip_rows is not None and how.skip_rows < 0:
+        message = f"is {how.skip_rows}; needs the number of lines above the names, 0 or more"
+        raise BadInput(message, key="--skip-rows")
     return replace(_table(content, path, how), sha256=hashlib.sha256(content).hexdigest())
 
 

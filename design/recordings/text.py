@@ -72,9 +72,6 @@ def lines_of(content: bytes) -> Lines:
 
 def text(content: bytes, path: str, how: Reading) -> Table:
     """The table in the text ``content`` of the file ``path``; raises ``BadInput``."""
-    if how.skip_rows is not None and how.skip_rows < 0:
-        message = f"is {how.skip_rows}; needs the number of lines above the names, 0 or more"
-        raise BadInput(message, key="--skip-rows")
     utf8, encoding = _utf8(content, path)
     lines = lines_of(utf8)
     longest = int(np.argmax(lines.ends - lines.starts))

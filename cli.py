@@ -73,6 +73,7 @@ READING: dict[str, tuple[Any, str | None, str]] = {
     "up": (str, "y|z", "The file's axis that points up."),
     "forward": (str, "x|-x|...", "The file's axis towards the toes."),
     "ankle": (str, "X[:UNIT]", "Where the ankle is on that axis, in the file's frame."),
+    "origins": (str, "X,X[:UNIT]", "Where, on that axis, each plate's moments are about."),
     "allow_gaps": (bool, None, "Mask rows that cannot be read."),
 }
 
@@ -302,7 +303,7 @@ def region(
 @app.command()
 @reads_recordings
 def estimate(
-    file: Annotated[str, typer.Argument(metavar="FILE", help="Text, .npy, .npz, .c3d, or - for standard input.")],
+    file: Annotated[str, typer.Argument(metavar="FILE", help="Text, .xlsx, .npy, .npz, .c3d, or -: standard input.")],
     *,
     spec: Annotated[str | None, typer.Option(metavar="SPEC", help="Whose body and foot it is.")] = None,
     format: RunForm = "text",

@@ -71,7 +71,7 @@ def estimates(record: Record, setting: Setting) -> Estimates:
     how_y = "static: weight less load, (16)"
     if record.horizontal is not None:
         how_x = "quasi-static: minus the horizontal force on the foot"
-        return Estimates(F_x=-record.horizontal, F_y=F_y, how_x=how_x, how_y=how_y)
+        return Estimates(F_x=0.0 - record.horizontal, F_y=F_y, how_x=how_x, how_y=how_y)
     how_x = "not estimated: neither the angle nor a horizontal force was measured"
     return Estimates(F_x=None, F_y=F_y, how_x=how_x, how_y=how_y)
 

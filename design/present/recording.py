@@ -18,6 +18,7 @@ from design.present.report import Report
 from design.present.text import bound, number, table, wrapped
 from design.recordings.reading import Reading
 from design.recordings.record import Record, open_record
+from design.recordings.table import printable
 from design.spec.load import Source, load
 from design.spec.setting import setting
 
@@ -44,7 +45,7 @@ def measured(file: str, how: Reading, spec: str | None, *, strict: bool = False)
     source = opening.opened(spec, strict=strict)[0] if spec else load(ASSUMED_SPEC)
     problem = setting(source.spec)
     problem.must_not_load_the_foot("a recording")
-    record = open_record(file, how, problem.biped, given=spec is not None)
+    record = open_record(file, how, problem.biped, given=spec is not None, target=problem.target)
     _remark(record, strict=strict)
     return Measured(source=source, record=record, found=estimates(record, problem))
 
@@ -53,7 +54,7 @@ def judged(file: str, how: Reading, spec: str, *, strict: bool = False) -> Repor
     """The report on a recording against the requirements of ``spec``."""
     source, problem = opening.opened(spec, strict=strict)
     problem.must_not_load_the_foot("a recording")
-    record = open_record(file, how, problem.biped, given=True)
+    record = open_record(file, how, problem.biped, given=True, target=problem.target)
     _remark(record, strict=strict)
     verdict = judge_record(problem, record)
     span = float(record.t[-1] - record.t[0])
@@ -73,7 +74,7 @@ def _remark(record: Record, *, strict: bool) -> None:
         if strict:
             message = f"{remark} (--strict)"
             raise BadInput(message, file=record.origin)
-        terminal.note(f"warning: {record.origin}: {remark}")
+        terminal.note(f"warning: {printable(record.origin)}: {remark}")
 
 
 def render(
@@ -148,7 +149,7 @@ def as_text(result: Measured) -> str:
     """The words for a terminal."""
     record, found = result.record, result.found
     span = float(record.t[-1] - record.t[0])
-    lines = wrapped(f"{record.origin}: {len(record.t):,} samples, {span:g} s at {record.rate:g} Hz")
+    lines = wrapped(f"{printable(record.origin)}: {len(record.t):,} samples, {span:g} s at {record.rate:g} Hz")
     lines += wrapped(f"read: {'; '.join(record.notes)}", "  ")
     lines += wrapped("taken: " + ", ".join(f"{role} = {said}" for role, said in record.columns.items()), "  ")
     lines += [line for said in record.assumed for line in wrapped(f"ASSUMED: {said}", "  ")]

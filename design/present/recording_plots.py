@@ -22,7 +22,7 @@ def figure(record: Record, found: Estimates) -> Figure:
     """Contact and estimated force over time; the angle where it was measured."""
     contact = record.P is not None
     panels = [name for name, there in (
-        ("cop", contact), ("forces", contact), ("angle", record.theta is not None),
+        ("cop", contact), ("forces", record.F_T is not None), ("angle", record.theta is not None),
         ("estimate", found.F_y is not None),
     ) if there]  # fmt: skip
     drawn, axes = canvas(8.0, 2.35 * len(panels) + 0.6, len(panels), 1, sharex="col")

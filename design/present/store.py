@@ -83,6 +83,7 @@ def record_json(record: Record) -> dict[str, Any]:
         "file": record.origin,
         "sha256": record.sha256,
         "columns": record.columns,
+        "plates": record.plates,
         "samples": len(record.t),
         "valid_samples": int(record.valid.sum()),
         "dropouts": int(record.dropouts.sum()),

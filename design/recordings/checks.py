@@ -1,33 +1,56 @@
-"""Whether a recording fits the body, and itself: a wrong unit, axis or sign is refused with the mismatch named."""
+"""Whether the contact of a recording fits the body, and itself: a wrong unit, axis or sign is refused by its name."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from design.errors import BadInput
 from design.model.body import Biped
-from design.recordings.columns import Quantity
+from design.recordings.plates import Plate, Quantity
+from design.recordings.remedies import Misfit, Remedy
+from design.recordings.selection import negated
 from design.recordings.table import Array
-from design.recordings.units import FACTORS, KILOPOND, POUND
+from design.recordings.units import FACTORS, Kind
 
-FAR, NEAR = 2.0, 0.15
-"""Beyond this factor a height is refused; beyond this part a height or a mean force is remarked upon."""
+NEAR = 0.15
+"""A mean force further than this part from the weight is remarked upon."""
 LIGHT, HEAVY = 0.6, 1.6
 """A mean force beyond these parts of the weight of the spec is refused: one of two plates, or another unit."""
-TORQUE, STILL = 1.5, 0.05
-"""By what factor a measured torque may differ, and the standard deviation [N m] below which none is compared."""
-HELD, LEAN = 0.5, 0.35
-"""A posture that needs a larger part of the weight as a horizontal force, or leans further [rad] under an even load, is
-none."""
+SWAY = 0.02
+"""How far the CoP of a standing person usually moves [m]: the order in which units are proposed."""
 MASSES = (20.0, 200.0)
 """Masses of a standing person [kg], where no spec says another."""
+WITHOUT = Remedy(options={"my": "none"}, when=" to leave the moment out", last=True)
 
 
-def weight(mean: float, quantity: Quantity, biped: Biped, *, given: bool, file: str) -> list[str]:
-    """Compare the ``mean`` vertical force [N] with the weight of ``biped``, or (not ``given``) with a person's."""
+def in_units(columns: dict[str, str], kind: Kind, now: str, ratio: float, most: float) -> list[Remedy]:
+    """The unit in which ``columns``, by role, would be about ``ratio`` times smaller: within a factor e^``most``."""
+    off = {
+        unit: abs(math.log(abs(ratio) * scale / FACTORS[kind][now])) if ratio else math.inf
+        for unit, scale in FACTORS[kind].items() if unit != now
+    }  # fmt: skip
+    near = sorted((unit for unit in off if off[unit] < most), key=lambda unit: off[unit])[:1]
+    return [
+        Remedy(
+            options={role: f"{label}:{unit}" for role, label in columns.items()},
+            when=f" (it fits if the column is in {unit})",
+        )
+        for unit in near
+    ]
+
+
+def weight(
+    mean: float, quantity: Quantity, biped: Biped, *, given: bool, file: str, forces: dict[str, str],
+    usual: tuple[Remedy, ...] = (),
+) -> list[str]:  # fmt: skip
+    """Compare the ``mean`` vertical force [N] with the weight of ``biped``, or (not ``given``) with a person's.
+
+    ``forces``: the columns that it is the sum of, by role; ``usual``: those that usual names select, if the user
+    selected others.
+    """
     where = f"column{'s' * ('+' in quantity.columns)} {quantity.columns}"
     if not given:
         low, high = MASSES
@@ -36,17 +59,16 @@ def weight(mean: float, quantity: Quantity, biped: Biped, *, given: bool, file: 
         message = (
             f"mean vertical force {mean:.5g} N (read in {quantity.unit}) is the weight of {mean / biped.g:.4g} kg;"
             f" needs a standing person's, {low:g} to {high:g} kg, or another body's given by --spec"
-            f"{_why(mean / (70 * biped.g), quantity)}"
         )
-        raise BadInput(message, file=file, key=where)
+        raise _unlike(message, where, mean / (70 * biped.g), quantity, file, forces, usual)
     ratio = mean / biped.weight
     body = f"the weight (M+m) g = {biped.weight:.5g} N of the spec"
     if not LIGHT <= ratio <= HEAVY:
         message = (
             f"mean vertical force {mean:.5g} N (read in {quantity.unit}) is {ratio:.3g} times {body}; needs"
-            f" {LIGHT:g} to {HEAVY:g} times{_why(ratio, quantity)}"
+            f" {LIGHT:g} to {HEAVY:g} times"
         )
-        raise BadInput(message, file=file, key=where)
+        raise _unlike(message, where, ratio, quantity, file, forces, usual)
     if abs(ratio - 1) > NEAR:
         return [
             f"mean vertical force {mean:.5g} N is {100 * (ratio - 1):+.0f} % off {body}: is it this body's recording?"
@@ -54,39 +76,41 @@ def weight(mean: float, quantity: Quantity, biped: Biped, *, given: bool, file: 
     return []
 
 
-def _why(ratio: float, quantity: Quantity) -> str:
-    """The likely reason of a vertical force that is ``ratio`` times the weight."""
+def _unlike(
+    message: str, where: str, ratio: float, quantity: Quantity, file: str, forces: dict[str, str],
+    usual: tuple[Remedy, ...],
+) -> Misfit:  # fmt: skip
+    """The refusal of a vertical force that is ``ratio`` times the weight, with its likely reasons."""
+    units = in_units(forces, "force", quantity.unit, ratio, 0.35)
+    remedies = [*units, *(replace(remedy, last=True) for remedy in usual)]
+    otherwise = "give the right column and unit: --columns fz=COLUMN:UNIT, or another --spec"
     if ratio < 0:
-        return "; it is negative: the sign of a plate that measures the force on itself; give fz=-COLUMN"
-    now = {"N": 1.0, "kN": 1e3, "kgf": KILOPOND, "lbf": POUND}[quantity.unit]
-    fits = []
-    for unit, newton in (("N", 1.0), ("kgf", KILOPOND), ("lbf", POUND), ("kN", 1e3)):
-        off = abs(math.log(ratio * newton / now)) if ratio > 0 else math.inf
-        if unit != quantity.unit and off < 0.35:
-            fits.append((off, unit))
-    if fits:
-        return f"; it fits if the column is in {min(fits)[1]}: give fz={quantity.columns}:{min(fits)[1]}"
-    if ratio < 0.1:
-        return "; it looks like a horizontal component: give --up, or fz=COLUMN of the vertical one"
-    if ratio < 0.7:
-        return "; is it one of two plates? Join them: fz=COLUMN1+COLUMN2"
-    return "; give the right column and unit: --columns fz=COLUMN:UNIT"
+        message += "; it is negative and positive by turns: no plate's load is"
+    elif ratio < 0.09:
+        message += "" if units else "; it looks like a horizontal component"
+        otherwise = "give --up, or fz=COLUMN of the vertical one, or another --spec"
+    elif 0.09 <= ratio < 0.7:
+        message += "; is it one of two plates, or another body's?"
+        otherwise = "join the plates, fz=COLUMN1+COLUMN2, or give that body's --spec"
+    return Misfit(message, file=file, key=where, remedies=remedies, otherwise=otherwise)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """How two centres of pressure agree, as ``said``; ``close``: in size as well as a unit can be told."""
+    """How two centres of pressure agree, in a ``sentence``; ``close``: in size as well as a unit can be told."""
 
-    said: str
+    sentence: str
     close: bool
 
 
 def agreement(
-    cop: Array, other: Array, tilt: Array | None, quantity: Quantity, formula: str, file: str
-) -> Agreement | None:
+    cop: Array, other: Array, tilt: Array | None, quantity: Quantity, formula: str, file: str, *,
+    labels: dict[str, str], moment: Quantity | None = None,
+) -> Agreement | None:  # fmt: skip
     """Compare the file's CoP [m] with ``other`` [m], the one by ``formula``; a constant offset is none of a unit.
 
-    ``tilt`` = f_x / load: the lever of a plate's cover or of its origin adds a multiple of it. None if neither moves.
+    ``tilt`` = f_x / load: the lever of a plate's cover or of its origin adds a multiple of it. ``labels``: the columns
+    of all plates by role; ``moment``: the one in the formula. None if neither CoP moves.
     """
     where = f"column {quantity.columns}"
     if max(cop.std(), other.std()) < 1e-6:
@@ -98,65 +122,71 @@ def agreement(
     plain = float(np.polyfit(other, cop, 1)[0]) if other.std() > 1e-9 else 0.0
     fits = left < 0.4 * float(cop.std()) if cop.std() > 0 else False
     if not fits:
+        explained = max(0.0, 100 * (1 - left / max(float(cop.std()), 1e-12)))
         message = (
-            f"does not move with {formula}: only {max(0.0, 100 * (1 - left / max(float(cop.std()), 1e-12))):.0f} % of"
-            " its motion is explained; another axis, plate or column? Give --forward, or --columns cop=...,my=..."
-            " (my=none leaves the moment out)"
+            f"does not move with {formula}: only {explained:.0f} % of its motion is explained; another axis, plate or"
+            " column? Give --forward, or --columns cop=...,my=..."
         )
-        raise BadInput(message, file=file, key=where)
+        raise Misfit(message, file=file, key=where, remedies=[WITHOUT] if moment else [])
     if 0.8 < slope < 1.25:
         offset = float((cop - other).mean())
         most = float(np.abs(cop - other - offset).max())
         apart = f", {1e3 * offset:+.1f} mm apart" if abs(offset) > 1e-3 else ""
         close = 0.97 < slope < 1.03
         off = "" if close else f", though {slope:.3g} times as large"
-        return Agreement(said=f"CoP equals {formula} within {1e3 * most:.2g} mm{apart}{off}", close=close)
+        return Agreement(sentence=f"CoP equals {formula} within {1e3 * most:.2g} mm{apart}{off}", close=close)
     if -1.25 < slope < -0.8:
-        message = (
-            f"CoP is minus {formula}: the sign of the moment, or of the axis; give my=-COLUMN, or --forward with the"
-            " other sign"
-        )
-        raise BadInput(message, file=file, key=where)
-    message = f"CoP (read in {quantity.unit}) is {plain:.4g} times {formula}; needs 1{_position_unit(plain, quantity)}"
-    raise BadInput(message, file=file, key=where)
-
-
-def _position_unit(ratio: float, quantity: Quantity) -> str:
-    now = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}[quantity.unit]
-    for unit, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
-        if unit != quantity.unit and abs(math.log(abs(ratio) * metres / now or 1e-300)) < 0.25:
-            return f"; it fits if the column is in {unit}: give cop={quantity.columns}:{unit}, or the moment's unit"
-    return "; give the units of cop, my and fz with --columns"
+        message = f"CoP is minus {formula}: the sign of the moment, or of the axis"
+        remedies = [Remedy(options={"my": negated(labels["my"])}), WITHOUT] if moment else []
+        if moment and moment.columns != labels["my"]:  # one plate's alone
+            parts = [negated(part) if part == moment.columns else part for part in labels["my"].split("+")]
+            remedies.insert(1, Remedy(options={"my": "+".join(parts)}))
+        raise Misfit(message, file=file, key=where, remedies=remedies, otherwise="give --forward with the other sign")
+    message = f"CoP (read in {quantity.unit}) is {plain:.4g} times {formula}; needs 1"
+    remedies = in_units({"cop": labels["cop"]}, "position", quantity.unit, plain, 0.25)
+    if moment is not None:
+        remedies += in_units({"my": labels["my"]}, "moment", moment.unit, 1 / plain, 0.25) if plain else []
+        remedies.append(WITHOUT)
+    raise Misfit(
+        message, file=file, key=where, remedies=remedies, otherwise="give the units of cop, my and fz with --columns"
+    )
 
 
 def reach(
-    cop: Array, quantity: Quantity, ell: float, seconds: float, file: str, *, confirmed: bool = False
+    cop: Array, role: str, quantity: Quantity, ell: float, seconds: float, file: str, *, confirmed: bool = False
 ) -> list[str]:
     """Refuse a CoP [m] that moves over more than two feet, or less than any person's can; remark on more than one.
 
-    ``confirmed``: its unit agrees with the moment's.
+    ``quantity``: the columns that it follows from, of ``role`` cop or my. ``confirmed``: its unit agrees with the
+    moment's.
     """
     low, high = np.percentile(cop, [2.0, 98.0])
     spread = float(high - low)
-    where = f"column {quantity.columns}"
+    where = f"column{'s' * ('+' in quantity.columns)} {quantity.columns}"
+    what = f"CoP (read in {quantity.unit})" if role == "cop" else f"CoP = -my / fz (my read in {quantity.unit})"
+    kind: Kind = "position" if role == "cop" else "moment"
     if spread > 4 * ell:
-        now = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}.get(quantity.unit, 0.0)
-        likely = next((u for u, f in (("cm", 1e-2), ("mm", 1e-3)) if f < now and spread * f <= 2 * ell * now), "")
-        fits = f"it fits if the column is in {likely}: give cop={quantity.columns}:{likely}" if likely else ""
-        message = (
-            f"CoP (read in {quantity.unit}) moves over {spread:.4g} m, and the foot is {2 * ell:g} m long;"
-            f" {fits or 'check columns and units'}"
+        message = f"{what} moves over {spread:.4g} m, and the foot is {2 * ell:g} m long"
+        smaller = [unit for unit, scale in FACTORS[kind].items() if scale < FACTORS[kind][quantity.unit]]
+        sway = {unit: spread * FACTORS[kind][unit] / FACTORS[kind][quantity.unit] for unit in smaller}
+        likely = sorted((unit for unit in sway if sway[unit] <= 2 * ell), key=lambda u: abs(math.log(sway[u] / SWAY)))
+        remedies = [
+            Remedy(
+                options={role: f"{quantity.columns}:{unit}"},
+                when=f" (it fits if the column is in {unit}: then the CoP moves over {1e3 * sway[unit]:.3g} mm)",
+            )
+            for unit in likely[:2] if sway[unit] > 0.01 * ell
+        ]  # fmt: skip
+        raise Misfit(message, file=file, key=where, remedies=remedies, otherwise="check columns and units")
+    if 1e-9 < spread < 0.01 * ell and seconds > 2 and quantity.unit != "m" and role == "cop" and not confirmed:
+        message = f"{what} moves over only {1e3 * spread:.3g} mm, which no standing person's does; is it in m?"
+        remedies = [Remedy(options={"cop": f"{quantity.columns}:m"})]
+        raise Misfit(
+            message, file=file, key=where, remedies=remedies, otherwise="correct the header, or check the column"
         )
-        raise BadInput(message, file=file, key=where)
-    if 1e-9 < spread < 0.01 * ell and seconds > 2 and quantity.unit != "m" and not confirmed:
-        message = (
-            f"CoP (read in {quantity.unit}) moves over only {1e3 * spread:.3g} mm, which no standing person's does;"
-            f" is it in m? Give cop={quantity.columns}:m"
-        )
-        raise BadInput(message, file=file, key=where)
     if spread > 2 * ell:
         return [
-            f"CoP (column {quantity.columns}, read in {quantity.unit}) moves over {spread:.4g} m, more than the foot's"
+            f"{what.replace('(', f'(column {quantity.columns}, ', 1)} moves over {spread:.4g} m, more than the foot's"
             f" {2 * ell:g} m: is the unit right?"
         ]
     return []
@@ -173,113 +203,11 @@ def within(P: Array, ell: float, ankle: str, file: str) -> None:
         raise BadInput(message, file=file, key="--ankle")
 
 
-def angle(theta: Array, quantity: Quantity, file: str) -> list[str]:
-    """Compare the angle's range [rad] with a standing body's."""
-    most = float(np.abs(theta).max())
-    where = f"column {quantity.columns}"
-    if most > math.pi / 2:
-        likely = "deg" if quantity.unit == "rad" and most <= 90 else ""
-        fits = f"; it fits if the column is in deg: give angle={quantity.columns}:deg" if likely else ""
-        message = (
-            f"ankle angle (read in {quantity.unit}) reaches {most:.4g} rad = {math.degrees(most):.4g} deg; needs less"
-            f" than 90 deg from the vertical{fits}"
-        )
-        raise BadInput(message, file=file, key=where)
-    if quantity.unit == "deg" and 0 < most < math.radians(0.05):
-        return [f"ankle angle stays within {math.degrees(most):.2g} deg: is column {quantity.columns} in rad?"]
-    return []
-
-
-def torque(tau: Array, implied: Array, quantity: Quantity, file: str, *, size_known: bool, place_known: bool) -> None:
-    """Compare a measured ankle torque [N m] with ``implied`` = ell (F_H - F_T), (11).
-
-    Without ``size_known`` (the foot is assumed) only the sign counts; a difference of the means counts with
-    ``place_known`` (the ankle's).
-    """
-    where, formula = f"column {quantity.columns}", "ell (F_H - F_T) of (11)"
-    spread, theirs = float(tau.std()), float(implied.std())
-    if theirs > STILL:
-        alike = float(np.corrcoef(tau, implied)[0, 1]) if spread > 1e-9 else 0.0
-        ratio = spread / theirs * (math.copysign(1.0, alike))
-        if abs(alike) < 0.6:
-            message = (
-                f"ankle torque does not move with {formula} (correlation {alike:.2f}); another joint's?"
-                " Give --columns torque=COLUMN, or torque=none"
-            )
-            raise BadInput(message, file=file, key=where)
-        if ratio < 0:
-            other = quantity.columns[1:] if quantity.columns.startswith("-") else f"-{quantity.columns}"
-            message = f"ankle torque is minus {formula}: the other sign; give torque={other}"
-            raise BadInput(message, file=file, key=where)
-        if size_known and not 1 / TORQUE <= ratio <= TORQUE:
-            message = (
-                f"ankle torque (read in {quantity.unit}) is {ratio:.4g} times {formula}; needs 1"
-                f"{_moment_unit(ratio, quantity)}"
-            )
-            raise BadInput(message, file=file, key=where)
-    off = float(tau.mean() - implied.mean())
-    if size_known and place_known and abs(off) > max(0.5 * abs(float(implied.mean())), 3 * theirs, 5.0):
-        message = (
-            f"ankle torque (read in {quantity.unit}) is {float(tau.mean()):.4g} N m in the mean, and {formula} is"
-            f" {float(implied.mean()):.4g} N m; check its unit and sign, --ankle, or give torque=none"
-        )
-        raise BadInput(message, file=file, key=where)
-
-
-def _moment_unit(ratio: float, quantity: Quantity) -> str:
-    now = FACTORS["moment"][quantity.unit]
-    for unit, scale in FACTORS["moment"].items():
-        if unit != quantity.unit and abs(math.log(ratio * scale / now)) < 0.4:
-            return f"; it fits if the column is in {unit}: give torque={quantity.columns}:{unit}"
-    half = "; is it one leg's of two? Join them: torque=COLUMN1+COLUMN2" if 0.3 < ratio < 0.7 else ""
-    return half or "; give torque=COLUMN:UNIT, or torque=none"
-
-
-def posture(
-    theta: Array, load: Array, P: Array, quantity: Quantity, biped: Biped, file: str, *, confirmed: bool
-) -> None:
-    """Raise ``BadInput`` for an angle [rad] that only a force as large as the weight would hold, by (17): it is in deg.
-
-    An even ``load`` (the CoP ``P`` near the ankle) holds no body that leans far, unless a large steady force acts: so
-    the lean alone does not count where the unit is ``confirmed``, by the user or by a rate whose unit is stated.
-    """
-    if quantity.unit != "rad":
-        return
-    needed = float(np.median(np.abs((load - biped.m * biped.g) * np.tan(theta))))
-    lean = float(np.percentile(np.abs(theta), 90.0))
-    even = abs(float(P.mean())) < 0.5 * biped.ell
-    heavy = needed > HELD * biped.weight
-    if not heavy and (confirmed or not even or lean <= LEAN):
-        return
-    otherwise = "" if heavy else f", or angle={quantity.columns}:rad if it is rad indeed"
-    message = (
-        f"ankle angle (read in rad) reaches {lean:.4g} rad = {math.degrees(lean):.3g} deg, which at rest needs a force"
-        f" of {needed:.4g} N, {needed / biped.weight:.2g} times the weight, by (17); needs a lean that a standing body"
-        f" holds; the column is perhaps in deg: give angle={quantity.columns}:deg (and correct the header){otherwise}"
-    )
-    raise BadInput(message, file=file, key=f"column {quantity.columns}")
-
-
-def rates(slope: float, correlation: float, names: tuple[str, str], file: str) -> None:
-    """Raise ``BadInput`` where the stated angular rate is a multiple of the angle's derivative."""
-    if abs(correlation) < 0.9 or 0.5 < slope < 2:
-        return
-    message = (
-        f"angular rate (column {names[1]}) is {slope:.4g} times the derivative of the angle (column {names[0]});"
-        " needs 1; one is in degrees, or has the other sign: give angle=...:UNIT,rate=...:UNIT"
-    )
-    raise BadInput(message, file=file)
-
-
-def height(mean: float, L: float, *, given: bool, file: str) -> list[str]:
-    """Compare the height of the centre of gravity above the ankles [m] with the spec's L."""
-    low, high = (L / FAR, L * FAR) if given else (0.3, 2.0)
-    if not low <= mean <= high:
-        likely = next((u for u, f in (("cm", 1e-2), ("mm", 1e-3)) if low <= mean * f <= high), "")
-        fits = f"; it fits if positions are in {likely}" if likely else "; is the right axis up? Give --up, or the unit"
-        needed = f"the spec's {L:g} m within a factor 2" if given else f"{low:g} to {high:g} m"
-        message = f"the centre of gravity is {mean:.4g} m above the ankles; needs {needed}{fits}"
-        raise BadInput(message, file=file)
-    if given and abs(mean / L - 1) > NEAR:
-        return [f"the centre of gravity is {mean:.4g} m above the ankles, and the spec says {L:g} m"]
-    return []
+def apart(plates: tuple[Plate, ...], centres: list[Array], loaded: list[np.ndarray], ell: float) -> str:
+    """Where the mean CoP of each plate is, if two are further apart than a foot is long; else empty."""
+    means = [
+        float(np.nanmean(cop[rows])) if rows.any() else math.nan for cop, rows in zip(centres, loaded, strict=True)
+    ]
+    if not np.isfinite(means).any() or np.nanmax(means) - np.nanmin(means) <= 2 * ell:
+        return ""
+    return ", ".join(f"{plate.name} {1e3 * mean:.4g} mm" for plate, mean in zip(plates, means, strict=True))

@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 from design.errors import BadInput
 from design.recordings.columns import Columns
 from design.recordings.reading import Reading
+from design.recordings.remedies import Misfit, Remedy
 from design.recordings.table import Array, Table
 
 IRREGULAR = 0.25
 """The part of the sampling period by which a step may differ from it: stamps are rounded."""
 SLOWEST, FASTEST = 1.0, 20_000.0
 """Sampling rates of recordings [Hz]; what lies outside is in another unit."""
+EXACT = 0.05
+"""How exactly the rate must follow from stamps that were rounded."""
 MOST_SAMPLES = 20_000_000
 
 
@@ -29,7 +32,7 @@ class Clock:
 
     t: Array
     rate: float
-    rows: NDArray[np.int64]
+    rows: NDArray[np.int64] | slice
     stamps: Array
     resampled: bool
     said: tuple[str, ...]
@@ -89,7 +92,7 @@ def clock(table: Table, columns: Columns, how: Reading) -> Clock:
         even: Array = np.arange(n) / rate
         return _resampled(even, np.arange(n), how, table, [source]) if how.resample else _plain(even, rate, [source])
     blank = _blank(columns)
-    stamps, filled = _filled(np.where(blank, np.nan, stamps), table)
+    stamps, filled = _filled(np.where(blank, np.nan, stamps) if blank.any() else stamps, table)
     steps = np.diff(stamps)
     if how.resample:
         order = np.argsort(stamps, kind="stable")
@@ -98,18 +101,23 @@ def clock(table: Table, columns: Columns, how: Reading) -> Clock:
         if (steps <= 0).any():
             said.append(f"{int((steps <= 0).sum())} duplicate or backward time stamps: sorted, duplicates dropped")
         return _resampled(stamps[order][keep], order[keep], how, table, said)
+    if (rounded := _rounded_rate(stamps)) is not None:
+        rate, quantum = rounded
+        even = float(stamps[0]) + np.arange(n) / rate
+        return _plain(even, rate, [*filled, f"time stamps are rounded to {quantum:g} s: {rate:g} Hz from their number"])
     return _plain(stamps, _regular_rate(stamps, steps, columns, table), filled)
 
 
 def _plain(t: Array, rate: float, said: list[str]) -> Clock:
-    return Clock(t=t, rate=rate, rows=np.arange(len(t)), stamps=t, resampled=False, said=tuple(said))
+    return Clock(t=t, rate=rate, rows=slice(None), stamps=t, resampled=False, said=tuple(said))
 
 
 def _blank(columns: Columns) -> NDArray[np.bool_]:
     """Rows but the first that are zero throughout, time included, where most rows are not: drop-outs of all columns."""
-    zero = np.logical_and.reduce([quantity.values == 0 for quantity in columns.quantities.values()])
+    quantities = columns.every()
+    zero = np.logical_and.reduce([quantity.values == 0 for quantity in quantities])
     zero[:1] = False
-    return np.asarray(zero & (zero.mean() < 0.5) & (len(columns.quantities) > 1))
+    return np.asarray(zero & (zero.mean() < 0.5) & (len(quantities) > 1))
 
 
 def _filled(stamps: Array, table: Table) -> tuple[Array, list[str]]:
@@ -126,6 +134,32 @@ def _filled(stamps: Array, table: Table) -> tuple[Array, list[str]]:
     inside[:first] = stamps[first] - period * np.arange(first, 0, -1)
     inside[last + 1 :] = stamps[last] + period * np.arange(1, len(stamps) - last)
     return inside, [f"{int(missing.sum())} missing time stamps filled in between their neighbours"]
+
+
+def _rounded_rate(stamps: Array) -> tuple[float, float] | None:
+    """The rate [Hz] of even stamps that were rounded to fewer digits than it needs, and their last digit [s].
+
+    Rounded stamps are multiples of this digit, and lie within it of a straight line; a stamp that comes twice, or is
+    missing, in even stamps is no rounding: their period is a multiple of the digit.
+    """
+    steps = np.diff(stamps)
+    if len(steps) < 20 or (steps < 0).any() or not (steps > 0).any():
+        return None
+    scaled = ((digits, 10.0**digits * stamps) for digits in range(7))
+    places = next((digits for digits, each in scaled if np.abs(each - np.rint(each)).max() < 1e-5), None)
+    if places is None:
+        return None
+    quantum, period = 10.0**-places, float(stamps[-1] - stamps[0]) / len(steps)
+    if not EXACT * (stamps[-1] - stamps[0]) > quantum > 0.25 * period:
+        return None
+    if abs(period / quantum - max(round(period / quantum), 1)) < 0.02:
+        return None
+    index = np.arange(len(stamps))
+    period = float(np.polyfit(index, stamps - stamps[0], 1)[0])
+    off = stamps - stamps[0] - period * index
+    if float(off.max() - off.min()) > 1.2 * quantum:
+        return None
+    return float(f"{1 / period:.4g}"), float(f"{quantum:.6g}")
 
 
 def _regular_rate(stamps: Array, steps: Array, columns: Columns, table: Table) -> float:
@@ -145,7 +179,6 @@ def _regular_rate(stamps: Array, steps: Array, columns: Columns, table: Table) -
         more = f"; {int(odd.sum())} such steps" if odd.sum() > 1 else ""
         span = float(stamps.max() - stamps.min())
         guess = 1 / usual if usual > 0 and odd.mean() < 0.02 else len(steps) / span if span > 0 else 0.0
-        hint = f"{guess:.4g}" if guess > 0 else "HZ"
         if stamps[k + 1] <= stamps[0] + 0.5 * usual:
             message = (
                 f"begins again, {stamps[k]:.9g} to {stamps[k + 1]:.9g} s: more than one trial in the file; keep one"
@@ -153,26 +186,37 @@ def _regular_rate(stamps: Array, steps: Array, columns: Columns, table: Table) -
             )
             raise BadInput(message, file=table.origin, key=f"{table.place} {table.lines[k + 1]}, column {name}")
         message = (
-            f"{what}, {stamps[k]:.9g} to {stamps[k + 1]:.9g} s{usually}{more}; needs regular time stamps;"
-            f" mend them, or give --resample {hint}, or --rate {hint} if only the stamps are wrong"
+            f"{what}, {stamps[k]:.9g} to {stamps[k + 1]:.9g} s{usually}{more}; needs regular time stamps; mend them"
         )
-        raise BadInput(message, file=table.origin, key=f"{table.place} {table.lines[k + 1]}, column {name}")
+        remedies = [
+            Remedy(options={"--resample": f"{guess:.4g}"}),
+            Remedy(options={"--rate": f"{guess:.4g}"}, when=" if only the stamps are wrong"),
+        ] if guess > 0 else []  # fmt: skip
+        key = f"{table.place} {table.lines[k + 1]}, column {name}"
+        raise Misfit(message, file=table.origin, key=key, remedies=remedies)
     rate = (len(stamps) - 1) / float(stamps[-1] - stamps[0])
     if not SLOWEST <= rate <= FASTEST:
         unit = columns.quantities["time"].unit
-        likely = "ms" if rate < SLOWEST and unit == "s" else "s" if rate > FASTEST and unit != "s" else "another unit"
-        message = (
-            f"read in {unit} gives a sampling rate of {rate:.4g} Hz; needs {SLOWEST:g} to {FASTEST:g} Hz;"
-            f" it is perhaps in {likely}: give --columns time={name}:{likely if likely != 'another unit' else 'UNIT'}"
-        )
-        raise BadInput(message, file=table.origin, key=f"column {name}")
+        likely = ["ms", "us"] if rate < SLOWEST and unit == "s" else ["s"] if rate > FASTEST and unit != "s" else []
+        perhaps = f"; it is perhaps in {likely[0]}" if likely else ""
+        message = f"read in {unit} gives a sampling rate of {rate:.4g} Hz; needs {SLOWEST:g} to {FASTEST:g} Hz{perhaps}"
+        remedies = [Remedy(options={"time": f"{name}:{unit}"}) for unit in likely]
+        raise Misfit(
+            message, file=table.origin, key=f"column {name}", remedies=remedies,
+            otherwise=f"give --columns time={name}:UNIT, or --rate HZ",
+        )  # fmt: skip
     multiple = rate / table.rate if table.rate else 1.0  # plates are often sampled at a multiple of the cameras' rate
     if abs(multiple / max(round(multiple), 1) - 1) > 0.02 or multiple > 50:
-        message = (
-            f"gives a sampling rate of {rate:.5g} Hz, and the header states {table.rate:g} Hz; give the unit of time"
-            f" with --columns time={name}:UNIT, or the right --rate"
-        )
-        raise BadInput(message, file=table.origin, key=f"column {name}")
+        message = f"gives a sampling rate of {rate:.5g} Hz, and the header states {table.rate:g} Hz"
+        units = ("ms", "us") if columns.quantities["time"].unit == "s" else ()
+        remedies = [
+            *(Remedy(options={"time": f"{name}:{unit}"}) for unit in units),
+            Remedy(options={"--rate": f"{table.rate:.6g}"}, when=" if only the stamps are wrong"),
+        ]  # fmt: skip
+        raise Misfit(
+            message, file=table.origin, key=f"column {name}", remedies=remedies,
+            otherwise=f"give the unit of time with --columns time={name}:UNIT, or the right --rate",
+        )  # fmt: skip
     return round(rate, 6)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from design.recordings.units import split as name_and_unit
@@ -43,7 +43,7 @@ def promised_rows(lines: list[str]) -> tuple[str, int] | None:
     return min(found, key=lambda each: each[1]) if found else None
 
 
-def understand(lines: list[str], above: list[int], cells: Callable[[str], list[str]], count: int) -> Header:
+def understand(lines: Sequence[str], above: list[int], cells: Callable[[str], list[str]], count: int) -> Header:
     """The header in those ``lines`` that are numbered ``above``, over rows of ``count`` cells."""
     rate, said = _rate([lines[index] for index in above])
     if not above:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from design.recordings.units import unit_of
 
@@ -14,9 +14,9 @@ SCALARS = {
     "toe": "toeforce toe ft forcetoe",
     "heel": "heelforce heel fh forceheel",
     "torque": "torque tau ankletorque anklemoment",
-    "fz": "verticalforce vgrf grfv load fvertical fv",
+    "fz": "verticalforce vgrf grfv load fvertical fvert fv totalforce",
     "fx": "horizontalforce forwardforce apforce fap",
-    "cop": "cop copap apcop copforward",
+    "cop": "cop copap apcop copforward cpap",
 }
 _ROLE = {word: role for role, words in SCALARS.items() for word in words.split()}
 
@@ -33,7 +33,8 @@ _AXIS = re.compile(
     rf"(?P<word>{'|'.join(sorted(_WORD, key=len, reverse=True))})(?P<axis>[xyz])"
     r"(?P<post>net|total|sum|right|left|r|l|\d+)?"
 )
-_OPENSIM = re.compile(r"(?P<pre>\d*)ground(?P<word>force\d*v|force\d*p)(?P<axis>[xyz])")
+_SIDE = r"right|left|r|l|\d+"
+_OPENSIM = re.compile(rf"(?P<pre>{_SIDE})?groundforce(?P<mid>{_SIDE})?(?P<word>[vp])(?P<axis>[xyz])(?P<post>{_SIDE})?")
 _SUFFIX = re.compile(r"(.+?)_(rad_per_s|deg_per_s|[a-zA-Z]{1,3})")
 _WHOLE = {"net", "total", "sum", ""}
 
@@ -69,15 +70,31 @@ def _plain(name: str, unit: str | None) -> Known | None:
     if key in _ROLE:
         return Known(role=_ROLE[key], tag=number, unit=unit)
     if match := _OPENSIM.fullmatch(key):
-        kind = {"forcev": "force", "forcep": "cop"}[re.sub(r"\d", "", match["word"])]
-        digits = re.sub(r"\D", "", match["word"])
-        return Known(kind=kind, axis=match["axis"], tag=match["pre"] or digits or number, unit=unit)
+        kind = {"v": "force", "p": "cop"}[match["word"]]
+        tags = {_tag(match[part]) for part in ("pre", "mid", "post")} | {number}
+        return Known(kind=kind, axis=match["axis"], tag="/".join(sorted(tags - {""})), unit=unit)
     if match := _AXIS.fullmatch(key):
         tags = {_tag(match["pre"]), _tag(match["post"]), number} - {""}
         whole = match["word"].endswith("net") or match["pre"] in _WHOLE - {""} or match["post"] in _WHOLE - {""}
         tag = "net" if whole else "/".join(sorted(tags))
         return Known(kind=_WORD[match["word"]], axis=match["axis"], tag=tag, unit=unit)
     return None
+
+
+def resembled(name: str) -> Known | None:
+    """What a part of ``name`` says about a plate; the other words, as in ``paretic Fvert``, are the plate's ``tag``."""
+    words = [word for word in re.split(r"[\s_.:/-]+", name) if word]
+    for index, word in enumerate(words):
+        known = Known(role="fz") if word.lower() in ("vertical", "weight") else recognise(word)
+        if known and (known.role in ("fz", "fx", "cop") or known.kind in ("force", "moment", "cop")):
+            rest = " ".join(words[:index] + words[index + 1 :]).lower()
+            return replace(known, tag=" ".join(filter(None, (rest, known.tag))))
+    return None
+
+
+def is_weight(name: str) -> bool:
+    """Whether a column is called the weight, as balance boards call the vertical force."""
+    return re.sub(r"[^a-z]", "", name.lower()) in ("weight", "bodyweight", "totalweight", "weightkg")
 
 
 def _tag(text: str | None) -> str:

@@ -1,4 +1,4 @@
-"""How a recording is to be read: what the user said about it on the command line."""
+"""How a recording is to be read: what the user states on the command line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ class Reading:
 
     ``columns``: ``fz=Fz:N,cop=COPx:cm,...``. ``delimiter``, ``decimal``, ``skip_rows``: the form of a text file.
     ``rate`` [Hz] where there is no time column; ``resample`` [Hz] for irregular time stamps. ``up``, ``forward``: axes
-    of the file. ``ankle``: forward position of the ankle in the file's frame, as ``0.21`` or ``21:cm``. ``allow_gaps``:
+    of the file. ``ankle``: forward position of the ankle in the file's frame, as ``0.21`` or ``21:cm``. ``origins``:
+    those of the points about which the plates' moments are, as ``0.25,-0.25`` or ``25,-25:cm``. ``allow_gaps``:
     unreadable cells are masked instead of refused.
     """
 
@@ -24,4 +25,5 @@ class Reading:
     up: str | None = None
     forward: str | None = None
     ankle: str | None = None
+    origins: str | None = None
     allow_gaps: bool = False

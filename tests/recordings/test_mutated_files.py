@@ -1,5 +1,6 @@
 """However a table is written down it is read as the same numbers, or refused: never with shifted columns."""
 
+import random
 import tempfile
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mutated import mutate, tried
+from plate_files import FORMATS, Truth
 
 from design.errors import BadInput
 from design.model.body import Biped
@@ -143,3 +146,15 @@ def test_any_text_is_read_or_refused_in_one_line(text):
         _read(text.encode())
     except BadInput as refused:
         assert "\n" not in str(refused)
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_mutated_file_is_read_or_refused_in_one_line(form, tmp_path):
+    if form == "C3D":
+        pytest.importorskip("ezc3d", reason="ezc3d is not installed")
+    chance = random.Random(f"seed of {form}")
+    content, _, name = FORMATS[form](Truth("2", "z", "x"), 1)
+    seen = {
+        tried(mutate(content, chance), Path(name).suffix, chance, tmp_path) for _ in range(15 if form == "C3D" else 40)
+    }
+    assert "refused" in seen

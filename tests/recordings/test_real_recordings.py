@@ -51,6 +51,15 @@ def test_cop_from_moments_is_the_files_cop(path):
     assert any("CoP equals -my / fz" in note for note in stated.notes)
 
 
+@pytest.mark.parametrize("columns", ["fz=RGRF_Y+LGRF_Y", "cop=RCOP_X+LCOP_X", "fz=LGRF_Y+RGRF_Y,cop=RCOP_X+LCOP_X"])
+def test_the_sum_of_two_plates_is_the_net_force_and_cop_that_the_laboratory_wrote(columns):
+    net, added = record(OR1, forward="x"), record(OR1, columns=columns, forward="x")
+    assert added.load == pytest.approx(net.load, abs=1e-4)
+    assert added.cop == pytest.approx(net.cop, abs=1e-5)
+    assert added.horizontal == pytest.approx(net.horizontal, abs=1e-4)
+    assert len(added.plates) == 2
+
+
 def test_toe_and_heel_force_turn_back_into_load_and_cop():
     found = record(OR1, ankle="0.2")
     assert found.F_T + found.F_H == pytest.approx(found.load)

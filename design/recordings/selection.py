@@ -18,21 +18,23 @@ ROLES: dict[str, Kind] = {
 }  # fmt: skip
 """What can be read, and what it is measured in."""
 
+Parts = tuple[tuple[int, int], ...]
+"""Columns by index, each with its sign."""
+
 _ENTRY = re.compile(r"\s*([A-Za-z_]+)\s*=\s*(.*?)\s*(?=,\s*[A-Za-z_]+\s*=|,?\s*$)", re.DOTALL)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
-    """A role, the columns (with their signs) that make it up, and the unit that the user says."""
+class Selection:
+    """The columns (with their signs) that make up a role, and the unit that the user states."""
 
-    role: str
-    parts: tuple[tuple[int, int], ...]
+    parts: Parts
     unit: str | None
 
 
-def parse(text: str | None, table: Table) -> dict[str, Wish | None]:
-    """The wishes by role in ``--columns``; None where the user says ``role=none``. Raises ``BadInput``."""
-    found: dict[str, Wish | None] = {}
+def entries(text: str | None) -> dict[str, str]:
+    """The value of each role in ``--columns``, as written; raises ``BadInput`` for what is no list of roles."""
+    values: dict[str, str] = {}
     place = 0
     while text is not None and place < len(text):
         match = _ENTRY.match(text, place)
@@ -41,31 +43,35 @@ def parse(text: str | None, table: Table) -> dict[str, Wish | None]:
                 f"has {text[place:].strip()[:40]!r}; needs NAME=COLUMN or NAME=COLUMN:UNIT, as fz=Fz:N,cop=COPx:cm"
             )
             raise BadInput(message, key="--columns")
-        role, value = match[1].lower(), match[2]
+        role = match[1].lower()
         if role not in ROLES:
             close = difflib.get_close_matches(role, list(ROLES), n=1)
             hint = f"; did you mean {close[0]}?" if close else ""
             message = f"has no name {role!r}{hint}; there are: {', '.join(ROLES)}"
             raise BadInput(message, key="--columns")
-        if role in found:
+        if role in values:
             message = f"names {role} twice; join columns with +, as fz=Fz1+Fz2"
             raise BadInput(message, key="--columns")
-        found[role] = None if value.lower() == "none" else _wish(role, value, table)
+        values[role] = match[2]
         place = match.end() + 1
-    return found
+    return values
 
 
-def _wish(role: str, value: str, table: Table) -> Wish:
+def parse(text: str | None, table: Table) -> dict[str, Selection | None]:
+    """What ``--columns`` selects, by role; None where the user writes ``role=none``. Raises ``BadInput``."""
+    return {
+        role: None if value.lower() == "none" else _selection(role, value, table)
+        for role, value in entries(text).items()
+    }
+
+
+def _selection(role: str, value: str, table: Table) -> Selection:
     unit: str | None = None
     if _index(value, table) is None and ":" in value:
-        name, _, said = value.rpartition(":")
-        unit = unit_of(said)
-        if unit is None or factor(unit, ROLES[role]) is None:
-            message = f"says {role} is in {said!r}; allowed: {', '.join(FACTORS[ROLES[role]])}"
-            raise BadInput(message, key="--columns")
+        name, _, written = value.rpartition(":")
+        unit = _unit(role, written)
         value = name.strip()
-    whole = _index(value, table)
-    pieces = [value] if whole is not None else value.split("+")
+    pieces = [value] if _index(value, table) is not None else _pieces(value, table)
     parts = []
     for piece in pieces:
         name, sign = piece.strip(), 1
@@ -73,22 +79,40 @@ def _wish(role: str, value: str, table: Table) -> Wish:
             name, sign = name[1:].strip(), -1
         index = _index(name, table)
         if index is None:
-            close = difflib.get_close_matches(name, table.names, n=1)
+            close = difflib.get_close_matches(name[:200], table.names, n=1)
             hint = f"; did you mean {close[0]!r}?" if close else ""
             message = f"has no column {name[:60]!r}{hint}; its columns: {listed(table.names)}"
             raise BadInput(message, file=table.origin)
         stated = bracketed(name) if name not in table.names else None
         if stated and not table.names[index].lower().endswith(name[len(stated[0]) :].lower()):
-            written = unit_of(stated[1])
-            if written is None or factor(written, ROLES[role]) is None:
-                message = f"says {role} is in {stated[1]!r}; allowed: {', '.join(FACTORS[ROLES[role]])}"
-                raise BadInput(message, key="--columns")
+            written = _unit(role, stated[1])
             if unit not in (None, written):
                 message = f"says {role} is in {written} and in {unit}"
                 raise BadInput(message, key="--columns")
             unit = written
         parts.append((index, sign))
-    return Wish(role=role, parts=tuple(parts), unit=unit)
+    return Selection(parts=tuple(parts), unit=unit)
+
+
+def _pieces(value: str, table: Table) -> list[str]:
+    """The columns joined by + in ``value``; a + within a column's name joins none."""
+    pieces: list[str] = []
+    for piece in value.split("+"):
+        if pieces and _index(pieces[-1].strip().removeprefix("-"), table) is None:
+            joined = f"{pieces[-1]}+{piece}"
+            if _index(joined.strip().removeprefix("-"), table) is not None:
+                pieces[-1] = joined
+                continue
+        pieces.append(piece)
+    return pieces
+
+
+def _unit(role: str, text: str) -> str:
+    unit = unit_of(text)
+    if unit is None or factor(unit, ROLES[role]) is None:
+        message = f"says {role} is in {text!r}; allowed: {', '.join(FACTORS[ROLES[role]])}"
+        raise BadInput(message, key="--columns")
+    return unit
 
 
 def _index(name: str, table: Table) -> int | None:
@@ -104,12 +128,22 @@ def _index(name: str, table: Table) -> int | None:
     ]  # fmt: skip
     if len(bare) == 1:
         return bare[0]
-    if re.fullmatch(r"\d{1,4}", name) and 1 <= int(name) <= len(table.names):
+    if re.fullmatch(r"\d{1,4}", name) and name.isascii() and 1 <= int(name) <= len(table.names):
         return int(name) - 1
     return None
+
+
+def joined(parts: Parts, names: Sequence[str]) -> str:
+    """Columns as they are written in ``--columns``: ``Fz1+Fz2``, ``-Fx1+-Fx2``."""
+    return "+".join(("-" if sign < 0 else "") + names[index] for index, sign in parts)
+
+
+def negated(label: str) -> str:
+    """Columns joined by + with every sign turned."""
+    return "+".join(part[1:] if part.startswith("-") else f"-{part}" for part in label.split("+"))
 
 
 def listed(names: Sequence[str], most: int = 24) -> str:
     """Names for a message."""
     more = f", ... ({len(names)} in all)" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
+    return ", ".join(name[:60] for name in names[:most]) + more

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from design.solvers.nlp import Ipopt, NlpAnswer
 from problems.gains.grid import Branches, Grid, Instants, Point
 from problems.gains.model import Model
-from problems.gains.program import pose
+from problems.gains.program import VANISHING, objective_range, pose
+from problems.gains.question import question_decay
 
 Array = NDArray[np.float64]
 
@@ -84,6 +85,9 @@ def exchange(
     branches = grid.branches(start, wide=wide)
     if branches is None:
         return Local(point=start, instants=instants, converged=False, said="the biped falls at the start")
+    if not models and _perfect(grid, start, branches):
+        best_v = objective_range(grid.question, grid.goal)[1]
+        return Local(point=replace(start, v=best_v), instants=instants, converged=True, said="nothing is left to gain")
     seeks = any(branch is not None and math.isfinite(branch.v) for branch in branches)  # a settling time
     best: Local | None = None
     reached = -np.inf
@@ -109,6 +113,15 @@ def exchange(
         start, instants, near = best.point, best.instants, True
         branches = grid.branches(start, wide=wide) or branches
     return best or found
+
+
+def _perfect(grid: Grid, start: Point, branches: Branches) -> bool:
+    """Whether the start is feasible and there is no overshoot, or no error, left."""
+    question = grid.question
+    if grid.goal.id not in VANISHING or question_decay(question, np.array(start.gains)) <= question.decay:
+        return False
+    margins = grid.margins(replace(start, v=objective_range(question, grid.goal)[1]), branches)
+    return margins is not None and min(float(rows.min()) for rows in margins) >= 0
 
 
 def _exchange(

@@ -24,6 +24,11 @@ from problems.gains.question import SURVIVALS, Environment, Question
 
 Array = NDArray[np.float64]
 
+VANISHING = ("overshoot", "posture-error")
+"""Objectives of which there may be none, over a whole region of gains."""
+NONE = 1e-6
+"""How much of them, in their scale, counts as none."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Read:
@@ -180,6 +185,6 @@ def objective_range(question: Question, goal: Goal) -> tuple[float, float]:
         return (question.level(goal.id) or 0.0) / goal.scale + BACKOFF, np.inf
     level = question.level(goal.id)
     least, most = (0.0, 1.5) if goal.id in SURVIVALS else (-np.inf, np.inf)  # in parts of the physical limit
-    if goal.id in ("overshoot", "posture-error"):
-        most = 0.0  # there is no less than none
+    if goal.id in VANISHING:
+        most = -NONE if level is None else max(-NONE, 0.5 * goal.v(level))
     return (least, most) if level is None else (max(least, goal.v(level) + BACKOFF), most)

@@ -17,7 +17,7 @@ from design.spec.load import load
 from design.spec.setting import setting
 from problems import robust
 from problems.gains import Grid, Point, Question, solve
-from problems.robust.worst import world
+from problems.robust.worst import runs, world
 
 SLOPE = setting(load("slope").spec)
 SMALL = Biped(M=40.0, L=0.6, I=18.0, m=3.0, ell=0.1)
@@ -199,3 +199,24 @@ def test_every_body_of_the_box_settles_in_time():
     for _ in range(40):
         shares = [*rng.uniform(-1, 1, 2), 0, 0, 0, 0, 0]
         assert judge(world(problem, shares), found.gains).overall == "met"
+
+
+def test_many_bodies_at_once_approach_their_posture_as_each_alone():
+    wind = profile(name="wind", points=np.array([[0.0, 0.0, 0.0], [0.5, 12.0, -20.0]]), duration=5.0)
+    for scenario in (RAMP, wind):
+        problem = replace(
+            _posed("contact-force", (scenario,), settling=1.0), step=0.002,
+            tolerances=Tolerances(M=Spread(part=0.1), L=Spread(part=0.1), ramp=Spread(part=0.2)),
+        )  # fmt: skip
+        shares = np.random.default_rng(4).uniform(-1, 1, (6, 7))
+        shares[:, 6] = np.round(shares[:, 6])  # so that the corners are samples
+        K = Gains(900.0, 250.0, 0.5)
+        many = runs(problem, scenario, K, shares, 0.002, paths=True)
+        for k, own in enumerate(shares):
+            rows = {row.id: row for row in judge(world(problem, own), K, "all").rows}
+            settled = many.paths.distance(rows["settling"].value)[k] - 0.02 * many.paths.farthest[k]
+            before = many.paths.distance(rows["settling"].value - 0.002)[k] - 0.02 * many.paths.farthest[k]
+            assert settled < 1e-7 < before
+            assert math.degrees(many.paths.overshoot()[k]) == pytest.approx(rows["overshoot"].value, abs=1e-5)
+            assert math.degrees(many.paths.error[k]) == pytest.approx(rows["posture-error"].value, abs=1e-6)
+            assert many.rate[k] == pytest.approx(rows["torque-rate"].value, rel=1e-4)

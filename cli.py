@@ -7,14 +7,29 @@ needed, so that ``--help`` is quick.
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+import warnings
 from collections.abc import Callable
-from functools import partial, wraps
+from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import typer
+COMMAND = os.path.basename(sys.argv[0]).removesuffix(".exe") in ("poise", "cli.py", "__main__.py")
+"""Whether this process is the command, and not a program that imports it."""
+
+
+def _interrupted_at_start(number: int, frame: object) -> None:
+    os.write(2, b"poise: interrupted\n")
+    os._exit(130)
+
+
+if COMMAND:
+    signal.signal(signal.SIGINT, _interrupted_at_start)  # until `main` watches for it
+
+import typer  # noqa: E402
 
 app = typer.Typer(
     name="poise",
@@ -315,20 +330,26 @@ def study(
     jobs: Annotated[int | None, typer.Option("--jobs", min=1, max=1024, help="Worker processes.")] = None,
     dask: Annotated[str | None, typer.Option("--dask", metavar="ADDRESS", help="Run on this dask cluster.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the study in the folder of -o.")] = False,
+    repair: Annotated[bool, typer.Option("--repair", help="With --resume: leave out damaged lines.")] = False,
+    force_new: Annotated[bool, typer.Option("--force-new", help="Begin anew; keep the old trials beside.")] = False,
+    tune: Annotated[bool, typer.Option("--tune/--no-tune", help="Tune the weights that [mpc] does not write.")] = True,
     format: Form = "text",
     output: Annotated[str | None, typer.Option("-o", "--output", metavar="FOLDER", help="Keep trials there.")] = None,
     strict: Strict = False,
 ) -> None:
-    """Compare the paper's laws with predictive controllers, trial by trial in the same world and noise.
+    """Compare the paper's laws with LQR and predictive controllers, trial by trial in the same world and noise.
 
-    Controllers: pd, force, cop (with the spec's gains), each with -synthesized (with the best ones), mpc, nmpc,
-    mpc-oracle (knows the force), mpc-preview (and its future).
+    Controllers: pd, force, cop (with the spec's gains), each with -synthesized (with the best ones), lqr (clipped to
+    what keeps contact), mpc, nmpc, mpc-oracle (knows the force), mpc-preview (and its future). The weights of those
+    with a model are tuned on the nominal body by the spec's objective.
     """
     from design.present import terminal
     from problems import commands
 
     asked = (controllers, trials, seed, jobs, dask)
-    printed, complete = commands.study(spec, *asked, format, output, resume=resume, strict=strict)
+    printed, complete = commands.study(
+        spec, *asked, format, output, resume=resume, repair=repair, force_new=force_new, tune=tune, strict=strict
+    )
     terminal.deliver(printed, None)
     raise typer.Exit(MET if complete else UNDECIDED)
 
@@ -364,6 +385,16 @@ def explain(row: Annotated[str, typer.Argument(metavar="ROW", help="A row's id, 
     terminal.out(page(row) + "\n")
 
 
+@app.command()
+def doctor() -> None:
+    """Print versions, optional parts, cores, and the result of a self-test; exit code 0 if all is well, else 2."""
+    from design.present import doctor, terminal
+
+    text, sound = doctor.examination(terminal.cores())
+    terminal.out(text)
+    raise typer.Exit(MET if sound else BAD)
+
+
 def _shadow() -> str | None:
     """The file that another program's ``design`` or ``problems`` would be loaded from, if it comes before ours."""
     from importlib.util import find_spec
@@ -389,8 +420,20 @@ def main() -> None:
         sys.exit(BAD)
     from design.present import terminal
 
-    run = partial(app, standalone_mode=False, prog_name="poise")
-    sys.exit(terminal.ended(run, debug=debug, stops=(KeyboardInterrupt, typer.Abort)))
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # what libraries remark is for those who develop with them
+
+    def run() -> object:
+        from design.present.doctor import check_versions
+
+        if "doctor" not in sys.argv:
+            check_versions()
+        return app(standalone_mode=False, prog_name="poise")
+
+    code = terminal.ended(run, debug=debug, stops=(KeyboardInterrupt, typer.Abort))
+    if COMMAND:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done; an interrupt of Python's own end says nothing
+    sys.exit(code)
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ P, P_d     centre of pressure (CoP) from the ankle, toe positive; the  m
            target of its law
 l_T, l_H   ankle to toe, ankle to heel, where they differ              m
 h          height of the ankle above the ground                        m
+kappa      m/M where slopes load the foot too, else 0                  1
 beta       what I grows by where K_f is (``design.model.standing``)    kg m²
 alpha      slope of the ground                                         rad
 sigma      decay rate: every pole has a real part of at most -sigma    1/s

@@ -4,6 +4,7 @@
 
     PoiseError            anything that Poise says on purpose; one line
     ├── BadInput          what was given cannot be used: file, key, value, what is allowed   (exit 2)
+    ├── Infrastructure    workers, scheduler or memory are gone: says nothing of the problem (exit 3)
     └── Unsolved          the value of an outcome was asked for, but its status is not "solved"
 
 Each stores its facts; the sentence is made from them.
@@ -29,6 +30,10 @@ class BadInput(PoiseError):
         more = f" (and {others} more problem{'s' * (others > 1)} in this file)" if others else ""
         line = " ".join(f"{where}: {message}{more}".removeprefix(": ").split())
         super().__init__("".join(c if c.isprintable() else repr(c)[1:-1] for c in line))
+
+
+class Infrastructure(PoiseError):
+    """Workers, a scheduler or memory are gone; what was finished is kept, and nothing is known of the rest."""
 
 
 class Unsolved(PoiseError):

@@ -42,6 +42,7 @@ def synthesize(
     spec: str, law: LawKind | None, search: Search, form: str, output: str | None, *, strict: bool
 ) -> tuple[str, str]:
     """What to print of the gains that are found, and the word of the status; the design is written to ``output``."""
+    store.check_writable(output)
     source, problem = opening.opened(spec, law, strict=strict)
     problem = with_objective(problem, search.maximise, search.minimise)
     if search.nominal:
@@ -89,7 +90,9 @@ def _sought(problem: Setting, search: Search, say: Callable[[str], None]) -> tup
         from problems import sensitivity
 
         answer = sensitivity.checked(problem, answer, seconds=left, say=say)
-    if search.why_not and answer.outcome.status in (Status.NOT_FOUND, Status.INFEASIBLE) and problem.bounds is not None:
+    physical = answer.obstacle is not None and answer.obstacle.physical  # no requirement or bound is to blame
+    unmet = answer.outcome.status in (Status.NOT_FOUND, Status.INFEASIBLE) and not physical
+    if search.why_not and unmet and problem.bounds is not None:
         from problems import whynot
 
         beside = [robust.world(problem, point.shares, point.scenario) for point in answer.points]
@@ -126,6 +129,9 @@ def study(
     output: str | None,
     *,
     resume: bool,
+    repair: bool,
+    force_new: bool,
+    tune: bool,
     strict: bool,
 ) -> tuple[str, bool]:
     """What to print of a comparison, and whether it is complete; its trials are kept in the folder ``output``."""
@@ -133,12 +139,23 @@ def study(
     from problems.comparison import conduct
 
     source, problem = opening.opened(spec, strict=strict)
+    problem = problem.throughout("a study")
     names = [name.strip() for name in controllers.split(",")] if controllers else None
     problem, names = conduct.with_options(problem, trials=trials, seed=seed, controllers=names)
-    study_folder.check(output, resume=resume)
+    study_folder.check(output, resume=resume or repair or force_new)
     with terminal.progress() as say, terminal.terminated_like_interrupted(), study_folder.kept(output):
         found = conduct.conduct(
-            source, problem, names, folder=output, resume=resume, jobs=jobs or terminal.cores(), dask=dask, say=say
+            source,
+            problem,
+            names,
+            folder=output,
+            resume=resume,
+            repair=repair,
+            force_new=force_new,
+            jobs=jobs or terminal.cores(),
+            dask=dask,
+            tune=tune,
+            say=say,
         )
     document = store.document("study", source, **conduct.facts(found, problem))
     if output:

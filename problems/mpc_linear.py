@@ -28,13 +28,11 @@ from design.solvers.conic import Clarabel, Cone, ConicAnswer, ConicProgram
 from design.solvers.outcome import Outcome, Status
 from problems.flat import Pattern, bands, with_end
 from problems.linear_rows import Rows, at_rest, linearised
-from problems.prediction import Horizon, Posture, posture, resting
+from problems.prediction import GRID, Horizon, Posture, posture, resting
 from problems.receding import Plan
 
 Array = NDArray[np.float64]
 
-GRID = 0.005
-"""Ratio between neighbouring values of A for which a model is built."""
 CURVATURE = 3e4
 """The objective is scaled until torque curves it this much: near rest costs are tiny, and Clarabel's tolerances are
 absolute as well as relative."""

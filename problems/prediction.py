@@ -41,6 +41,8 @@ Array = NDArray[np.float64]
 PENALTY = 1e3
 """Cost of breaking a limit by its scale; the cost of e is 1 per rad² and step."""
 
+GRID = 0.005
+"""Ratio between neighbouring values of A for which a linear model is built."""
 
 WISH = 1.0
 """Cost of breaking a wish by its scale: enough to keep it where that is possible, and not to stand askew for it where
@@ -89,16 +91,19 @@ class Posture:
 
 
 def horizon(
-    biped: Biped, tuning: Tuning, actuator: Actuator, required: dict[str, Required], target: float = 0.0
-) -> Horizon:
+    biped: Biped, tuning: Tuning, actuator: Actuator, required: dict[str, Required], target: float = 0.0,
+    *, field: bool = False,
+) -> Horizon:  # fmt: skip
     """The prediction for ``biped``: contact always, other limits where they are required to be kept.
+
+    ``field``: friction is to hold the foot too against an acceleration field, as the force may be that of one.
 
     Where more than contact is required, contact itself comes first with a scale of its own, ``FIRM`` times the usual: a
     wish that has to be broken for a while then frees neither foot nor terminal set of it.
     """
     contact, wishes = [], []
     margin = tuning.contact * biped.weight
-    for limit in limits(plant(biped), required):
+    for limit in limits(plant(biped), required, field=field):
         level = limit.hard_level
         if limit.id == "torque" or level is None or (limit.id == "cop-margin" and level <= 0):
             continue  # the actuator's, not required, or the same as contact

@@ -49,6 +49,7 @@ def test_a_study_leaves_its_trials_and_its_reports(done):
 def test_the_text_fits_80_columns_and_names_every_controller(done):
     _, printed = done
     assert max(map(len, printed.splitlines())) <= 80
+    assert re.search(r"^force .* \d/3 ", printed, re.MULTILINE)  # of so many trials it is the median time
     for name in ("force", "mpc", "nmpc"):
         assert re.search(rf"^{name} ", printed, re.MULTILINE)
     assert "95 % interval" in printed
@@ -132,6 +133,23 @@ def test_a_bad_table_is_one_line_that_names_the_key(case, tmp_path):
     assert (ended.returncode, ended.stdout) == (2, "")
     assert said in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+def test_weights_are_the_defaults_where_they_are_not_to_be_tuned(tmp_path):
+    ended = _study(tmp_path, "--controllers", "lqr", "--trials", "1", "--no-tune", "-o", str(tmp_path / "out"))
+    assert "they were not tuned" in ended.stdout
+    its = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))["tuning"]["weights"]["lqr"]
+    assert (its["torque_weight"], its["rate_weight"], its["evaluations"]) == (0.0135, 0.02, 0)
+    assert "--no-tune -o FOLDER" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_controller_that_cannot_be_built_is_left_out_and_the_others_run(tmp_path):
+    fast = TEXT.replace("[body]", "[study]\ncontrol_period_s = 0.5\n[body]")
+    fast = fast.replace("com_height_m = 0.75", "com_height_m = 0.0005").replace(
+        "inertia_kgm2 = 7.03125", "inertia_kgm2 = 1.3e-5"
+    )
+    ended = _study(tmp_path, "--controllers", "force,lqr", "--trials", "1", "--format", "json", text=fast)
+    assert "falls" in json.loads(ended.stdout)["left_out"]["lqr"]
 
 
 def test_controllers_of_the_spec_are_those_that_run(tmp_path):

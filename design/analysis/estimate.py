@@ -97,12 +97,12 @@ def static_estimate(biped: Biped, theta: Array, F_T: Array, F_H: Array, target: 
     are F_x (L cos theta + h) = -(load - m g) L sin theta - c m g + target load, in the names of ``design.model.plant``.
     """
     load = F_H + F_T
-    F_y = biped.weight - load  # (16)
-    F_x = -(load - biped.m * biped.g) * np.tan(theta)  # (17)
+    F_y = (biped.weight - load) / (1.0 + biped.kappa)  # (16)
+    F_x = -(load - (biped.m * biped.g - biped.kappa * F_y)) * np.tan(theta)  # (17)
     if biped.plain and target == 0.0:
         return F_x, F_y
     across = biped.L * np.cos(theta)
-    return (F_x * across - biped.tilt + target * load) / (across + biped.height), F_y
+    return (F_x * across - biped.tilt_under(F_y) + target * load) / (across + biped.height), F_y
 
 
 def off(biped: Biped, theta: Array, omega: Array, acceleration: Array, tau: Array) -> tuple[Array, Array]:
@@ -111,12 +111,14 @@ def off(biped: Biped, theta: Array, omega: Array, acceleration: Array, tau: Arra
     ``tau`` [N m]: (F_T + F_H) (P_d - P), the torque of the paper's foot.
     """
     ML, s, c = biped.M * biped.L, np.sin(theta), np.cos(theta)
-    if biped.height:
+    down = ML * (acceleration * s + omega**2 * c) / (1.0 + biped.kappa)  # what (16) takes for a force
+    if biped.height or biped.kappa:
         high = biped.L * c + biped.height
-        ground = (biped.I + ML * biped.height * c - ML * biped.L * s * s) / high
-        return tau / high - ground * acceleration + ML * omega**2 * s, ML * (acceleration * s + omega**2 * c)
+        turned = (biped.I + ML * biped.height * c) * acceleration - biped.height * ML * omega**2 * s
+        weighed = down * (biped.L * s + biped.ell * biped.skew * biped.kappa)
+        return (tau - turned + weighed) / high, down
     inertia = biped.I / (biped.L * c) - ML * s * s / c
-    return tau / (biped.L * c) - inertia * acceleration + ML * omega**2 * s, ML * (acceleration * s + omega**2 * c)
+    return tau / (biped.L * c) - inertia * acceleration + ML * omega**2 * s, down
 
 
 def static(biped: Biped, signals: Signals, sensors: Sensors, tolerances: Tolerances, target: float = 0.0) -> Estimate:
@@ -252,8 +254,11 @@ def _filtered(watch: Observer, signals: Signals, usable: Array) -> Array:
 
 
 def _drive(biped: Biped, F_T: Any, F_H: Any) -> Any:
-    """The torque (11) [N m]; of a foot that is not the paper's, what toe, heel and its weight turn about the ground."""
-    return biped.behind(F_T, F_H) + biped.tilt
+    """The torque (11) [N m]; of a foot that is not the paper's, what toe, heel and its weight turn about the ground.
+
+    Where a field acts on the foot, its weight is that at rest, by (16).
+    """
+    return biped.behind(F_T, F_H) + biped.tilt_under((biped.weight - (F_T + F_H)) / (1.0 + biped.kappa))
 
 
 def _spread(watch: Observer, signals: Signals, usable: Array, F: Array, sensors: Sensors) -> Array:

@@ -138,6 +138,7 @@ def loop_rows(setting: Setting, gains: Gains, unstable: str = "") -> list[Row]:
 
 def loop_places(setting: Setting, scenario: Scenario) -> list[Place]:
     """All environments of ``scenario`` as the linear loop meets them; those between ends of A too."""
+    setting = setting.under(scenario)
     biped, kind = setting.biped, setting.law
     if not setting.plain and kind != "pd":
         return setting.places(scenario)
@@ -178,7 +179,7 @@ def _slope_rate(setting: Setting, gains: Gains, unstable: str) -> Row:
     return _row(setting, **facts, value=math.degrees(ell / gain), note=note)
 
 
-def survival_rows(setting: Setting, loop: ClosedLoop, gains: Gains, distrust: str) -> list[Row]:
+def survival_rows(setting: Setting, gains: Gains, distrust: str) -> list[Row]:
     """``step-slope`` and ``push``, each with its share of what any ankle controller can survive."""
     if distrust:
         units = {"step-slope": "deg", "push": "N s"}
@@ -187,7 +188,8 @@ def survival_rows(setting: Setting, loop: ClosedLoop, gains: Gains, distrust: st
                  sense="at least", note=distrust)
             for row, unit in units.items()
         ]  # fmt: skip
-    slope, impulse = step_slope(loop, gains, setting.step), push(loop, gains, setting.step)
+    slope = step_slope(setting.in_a_field().loop(), gains, setting.step)
+    impulse = push(setting.loop(), gains, setting.step)
     biped = setting.biped
     light = math.atan(biped.ell / biped.L)
     foot = ""

@@ -9,7 +9,6 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from design.model.broken_loop import breaks
-from design.model.deciding import deciding_places
 from design.model.laws import Gains
 from design.spec.setting import Setting
 
@@ -27,8 +26,7 @@ class LoopCurves:
 
 def loop_curves(setting: Setting, gains: Gains) -> LoopCurves:
     """The curves at the largest A of the scenarios."""
-    F = np.concatenate([scenario.operating_forces(setting.biped) for scenario in setting.scenarios], axis=1)
-    places = deciding_places(setting.biped, setting.law, F, setting.adapt, setting.target)
+    places = [place for scenario in setting.scenarios for place in setting.places(scenario)]
     A, load, beta = max(places, key=lambda place: place.A)
     broken = breaks(setting.biped, setting.law, gains, A, load, setting.adapt, beta)["actuator"]
     factors = np.concatenate([np.linspace(0.0, 1.0, 300), np.linspace(1.0, 3.0, 200)])

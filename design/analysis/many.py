@@ -74,7 +74,7 @@ class Paths:
 class Extremes:
     """What each run (N,) came to.
 
-    Least F_T and F_H [N] and distance of P from an end of the foot [m]; most |tau| [N m], |f_x|/N and |dtau/dt|
+    Least F_T and F_H [N] and distance of P from an end of the foot [m]; most |tau| [N m], friction, and |dtau/dt|
     [N m/s]. A body that falls has minus its weight for its forces, and the worst of the others. ``paths`` where they
     were asked for; after a fall they are infinite.
     """
@@ -111,7 +111,7 @@ def extremes(
     """
     shares = np.asarray(shares, dtype=float)
     law = _Law(kind=kind, gains=gains, body=known or biped, theta_d=theta_d, target=target, adapt=adapt)
-    bodies = _bodies(biped, tolerances, shares)
+    bodies = _bodies(biped, tolerances, shares, field=scenario.field)
     final = _spread(tolerances.slope, float(scenario.signal[0, -1]), shares[:, 5])
     ramp = _spread(tolerances.ramp, float(scenario.times[-1]), shares[:, 6])
     world = _world(scenario, bodies.M, biped.g, final, ramp)
@@ -152,14 +152,14 @@ def extremes(
 
 
 class _Seen(NamedTuple):
-    """tau, theta'', F_T, F_H, the load, and the ground's horizontal force, each (N,)."""
+    """tau, theta'', F_T, F_H, the load, and the needed coefficient of friction, each (N,)."""
 
     tau: Array
     turning: Array
     F_T: Array
     F_H: Array
     load: Array
-    shear: Array
+    slip: Array
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -208,6 +208,10 @@ class _Bodies:
     g: float
     skew: float
     height: float
+    share: Array
+    """m/M where the force is an acceleration field, which friction must hold the foot against too; else 0."""
+    kappa: Array
+    """The part of the force that the contact forces have from the foot: ``share``, or 0."""
 
     def seen(self, law: _Law, z: State, F: tuple[Array, Array]) -> _Seen:
         """What states and force come to under the ``law``."""
@@ -215,11 +219,14 @@ class _Bodies:
         tau = law.torque(z)
         sine, cosine = np.sin(theta), np.cos(theta)
         turning = ((self.M * self.g - F[1]) * self.L * sine + F[0] * self.L * cosine + tau) / self.I
-        load = self.M * (self.g - self.L * (turning * sine + omega**2 * cosine)) - F[1] + self.m * self.g
+        foot = self.m * self.g - self.kappa * F[1]
+        load = self.M * (self.g - self.L * (turning * sine + omega**2 * cosine)) - F[1] + foot
         shear = self.M * self.L * (turning * cosine - omega**2 * sine) - F[0]
-        turn = tau - self.ell * self.skew * self.m * self.g + self.height * shear  # l_H F_H - l_T F_T
+        middle = self.ell * self.skew
+        turn = tau - middle * self.m * self.g + middle * self.kappa * F[1] + self.height * shear  # l_H F_H - l_T F_T
         F_T = 0.5 * ((1 - self.skew) * load - turn / self.ell)
-        return _Seen(tau, turning, F_T, 0.5 * ((1 + self.skew) * load + turn / self.ell), load, shear)
+        slip = np.abs(shear - self.share * F[0]) / (load - (self.share - self.kappa) * F[1])
+        return _Seen(tau, turning, F_T, 0.5 * ((1 + self.skew) * load + turn / self.ell), load, slip)
 
     def postures(self, biped: Biped, F: tuple[Array, Array], target: float) -> Array:
         """The final posture (N,) [rad] of each body under its force."""
@@ -232,12 +239,16 @@ class _Bodies:
         )
 
 
-def _bodies(biped: Biped, tolerances: Tolerances, shares: Array) -> _Bodies:
+def _bodies(biped: Biped, tolerances: Tolerances, shares: Array, *, field: bool) -> _Bodies:
     M, L, I, m, ell = (
         _spread(getattr(tolerances, name), getattr(biped, name), shares[:, k])
         for k, name in enumerate(("M", "L", "I", "m", "ell"))
     )
-    return _Bodies(M=M, L=L, I=I, m=m, ell=ell, g=biped.g, skew=biped.skew, height=biped.height)
+    share = m / M if field else 0.0 * m
+    kappa = m / M if biped.ground_loads else 0.0 * m
+    return _Bodies(
+        M=M, L=L, I=I, m=m, ell=ell, g=biped.g, skew=biped.skew, height=biped.height, share=share, kappa=kappa
+    )
 
 
 def _spread(spread: Spread, value: float, shares: Array) -> Array:
@@ -263,7 +274,7 @@ class _Worst:
         P = (toe * seen.F_T - heel * seen.F_H) * self._bodies.ell / seen.load
         np.fmin(self._cop, np.minimum(toe * self._bodies.ell - P, heel * self._bodies.ell + P), out=self._cop)
         np.fmax(self._torque, np.abs(seen.tau), out=self._torque)
-        np.fmax(self._friction, np.abs(seen.shear) / seen.load, out=self._friction)
+        np.fmax(self._friction, seen.slip, out=self._friction)
 
     def extremes(self, fallen: Array, paths: Paths | None = None) -> Extremes:
         """What it came to, where ``fallen`` (N,) says which bodies fell."""

@@ -146,7 +146,7 @@ class Observer:
         else:
             acceleration = ((M * g - F_y) * L * s + F_x * L * c + tau) / self.biped.I  # (2)
         down = M * L * (acceleration * s + omega**2 * c)
-        apparent = self.biped.weight - (F_T + F_H) - down  # (5)-(7); at rest (16)
+        apparent = (self.biped.weight - (F_T + F_H) - down) / (1.0 + self.biped.kappa)  # (5)-(7); at rest (16)
         return Seen(theta, omega, missing_x, missing_y + gain_y * (apparent - F_y))
 
     def _ahead(self, theta: float, omega: float, tau: float, F_x: float, F_y: float) -> tuple[float, float]:

@@ -4,21 +4,28 @@ Each obstacle is a proof. None found proves nothing. With sigma the required dec
 -sigma or left of it, the shifted polynomial has q_2, q_1, q_0 >= 0, so that p_2 >= 3 sigma, p_1 >= 3 sigma² and
 p_0 >= sigma³; each p_i of (25) is largest at a corner of the gain bounds. (29) divided by K_p K_d ell reads
 1 - K_f I/(ell K_d) - A L/K_p > 0, and its left side is largest at the corner (K_p, K_d high, K_f low).
+That the body falls whatever the ankle does is proved by ``design.analysis.capture``.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from design.analysis.beyond import Beyond, beyond
+from design.analysis.capture import Ankle, falls_to
+from design.analysis.survival import push_limit, slope_limit
 from design.model.deciding import deciding_points
 from design.model.environment import Scenario
 from design.model.limits import Required
 from design.model.stability import characteristic, routh_hurwitz
 from design.spec.setting import Setting
+
+CAPTURE = "capture"
+"""Id of the obstacle that no ankle survives a scenario."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,26 +38,27 @@ class Obstacle:
     required: float
     unit: str
     why: str
+    physical: bool = False
+    """Whether no gains and no requirement stand in the way, but the body, the foot and the scenario themselves."""
 
     def __str__(self) -> str:
+        if self.id == CAPTURE:
+            return self.why
         place = f" in scenario {self.scenario!r}" if self.scenario else ""
         return f"{self.id}{place}: at best {self.value:.6g} {self.unit}, needs {self.required:.6g}; {self.why}"
 
 
 def obstacles(setting: Setting) -> list[Obstacle]:
-    """All obstacles that are found, for ``setting`` with gain bounds; fewer are looked for where foot or target differ.
+    """All obstacles that are found, for ``setting`` with gain bounds; those of capture only where there are no others.
 
-    What is said of capture and poles holds for the paper's foot with P_d = 0.
+    What is said of poles holds for the paper's foot with P_d = 0.
     """
     loads = [obstacle for scenario in setting.scenarios for obstacle in _load(setting, scenario)]
-    if not setting.plain:
-        return [*_foot(setting), *loads]
-    return [
-        *_foot(setting),
-        *loads,
-        *(obstacle for scenario in setting.scenarios for obstacle in _capture(setting, scenario)),
-        *(obstacle for scenario in setting.scenarios for obstacle in _poles(setting, scenario)),
-    ]
+    simple = [*_foot(setting), *loads]
+    if setting.plain:
+        simple += _survival(setting)
+        simple += [obstacle for scenario in setting.scenarios for obstacle in _poles(setting, scenario)]
+    return simple or list(_capture(setting))
 
 
 def _level(setting: Setting, id: str) -> float:
@@ -75,16 +83,16 @@ def _load(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
     time T, the height y = L cos(theta) must be accelerated by at least a = (2 level - load at rest)/M; if a > 0, no y
     within [-L, L] can do so for longer than T = 4 sqrt(L/a).
     """
-    level, biped = _level(setting, "contact-force"), setting.biped
+    level, biped = _level(setting, "contact-force"), setting.under(scenario).biped
     found = []
     if scenario.theta0 == 0.0 and scenario.omega0 == 0.0:
         first = scenario.force_on(scenario.pieces()[0], np.array([0.0]))
-        total = float(biped.weight - first[1, 0])
+        total = float(biped.load(first[1, 0]))
         if 0.5 * total < level:
             found.append(("at t = 0", total))
     last = scenario.pieces()[-1]
     if not np.ptp(scenario.signal_on(last, np.array(last)), axis=1).any():
-        total = float(biped.weight - scenario.force_on(last, np.array(last))[1, -1])
+        total = float(biped.load(scenario.force_on(last, np.array(last))[1, -1]))
         upward = (2 * level - total) / biped.M
         if upward * (last[1] - last[0]) ** 2 > 16 * biped.L:
             found.append(("at rest in the end", total))
@@ -100,48 +108,58 @@ def _load(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
         )  # fmt: skip
 
 
-def _capture(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
-    """From rest under a force that is constant from t = 0, when the weight's line misses the foot.
+def _survival(setting: Setting) -> Iterator[Obstacle]:
+    """A sudden slope or a push from rest of which the report counts no more as survived than any ankle survives."""
+    slope = math.degrees(slope_limit(setting.in_a_field().biped))
+    for id, limit, unit in (("step-slope", slope, "deg"), ("push", push_limit(setting.biped), "N s")):
+        level = _level(setting, id)
+        if level > limit:
+            yield Obstacle(
+                id=id, scenario=None, value=limit, required=level, unit=unit,
+                why="no ankle with this foot survives more from rest (capturability); lower it, or lengthen the foot",
+            )  # fmt: skip
 
-    Let e = |theta - theta_f| grow on the side on which theta lies. The load is then at most that at rest, so that
-    I e'' >= d + A L (sin e - sin e_0) with d = A L sin e_0 - ell (load - 2 level) > 0, whatever the ankle does. The
-    chord of the sine gives e - e_0 >= d/k (cosh(w t) - 1), k = A L (1 - sin e_0)/(pi/2 - e_0), w² = k/I, until
-    e = pi/2, and at least that speed for the rest of the way to |theta| = pi/2. The biped has fallen by then; it is
-    infeasible if the scenario is watched so long.
+
+def _capture(setting: Setting) -> Iterator[Obstacle]:
+    for each, physical in beyond_ankles(setting):
+        yield Obstacle(
+            id=CAPTURE, scenario=each.scenario, value=each.survivable, required=each.size, unit=each.unit,
+            why=each.sentence(setting.biped), physical=physical,
+        )  # fmt: skip
+
+
+def beyond_ankles(setting: Setting, names: Collection[str] | None = None) -> Iterator[tuple[Beyond, bool]]:
+    """The scenarios, of those called ``names``, that no ankle survives which keeps the hard requirements.
+
+    And whether none does that only keeps the foot on the ground, with any torque.
     """
-    if len(scenario.breakpoints) or np.ptp(scenario.signal, axis=1).any():
-        return
-    biped, level = setting.biped, _level(setting, "contact-force")
-    F_x, F_y = scenario.force_on((0.0, scenario.duration), np.array([0.0]))[:, 0]
-    theta_f = math.atan2(-F_x, biped.M * biped.g - F_y)
-    AL = math.hypot(biped.M * biped.g - F_y, F_x) * biped.L
-    lean = scenario.theta0 - theta_f
-    side, e_0 = math.copysign(1.0, lean), abs(lean)
-    away = side * scenario.theta0 >= 0 and side * scenario.omega0 >= 0 and side * theta_f <= 0
-    d = AL * math.sin(e_0) - biped.ell * max(biped.weight - F_y - 2 * level, 0.0)
-    if not away or e_0 + abs(theta_f) >= 0.5 * math.pi or d <= 0:
-        return
-    k = AL * (1 - math.sin(e_0)) / (0.5 * math.pi - e_0)
-    w = math.sqrt(k / biped.I)
-    reached = math.acosh(1 + k / d * (0.5 * math.pi - e_0)) / w
-    speed = d / k * w * math.sinh(w * reached)
-    if reached + abs(theta_f) / speed > scenario.duration:
-        return
-    held = biped.ell * max(biped.weight - F_y - 2 * level, 0.0)
-    yield Obstacle(
-        id="step-slope", scenario=scenario.name, value=math.degrees(math.asin(min(held / AL, 1.0))),
-        required=math.degrees(e_0), unit="deg",
-        why=(
-            f"the resultant force passes {biped.L * math.sin(e_0):.4g} m from the ankle and the foot holds"
-            f" {held / AL * biped.L:.4g} m (capturability: no ankle controller can keep contact)"
-        ),
+    torque = setting.required.get("torque")
+    ankle = Ankle(
+        level=_level(setting, "contact-force"), margin=_level(setting, "cop-margin"),
+        torque=math.inf if torque is None or torque.soft else torque.level, at_rest=_rests(setting),
     )  # fmt: skip
+    if 2 * ankle.level >= setting.biped.weight or ankle.margin > setting.biped.ell:
+        return  # nothing on the foot can do that, whatever the scenario
+    for scenario in setting.scenarios:
+        if names is not None and scenario.name not in names:
+            continue
+        biped = setting.under(scenario).biped
+        side = falls_to(biped, scenario, ankle)
+        if side:
+            bare = Ankle(at_rest=ankle.at_rest)
+            yield beyond(biped, scenario, ankle, side), falls_to(biped, scenario, bare) != 0
+
+
+def _rests(setting: Setting) -> bool:
+    """Whether the law leaves an upright body alone that no force acts on: the torque is 0, and so is F_H - F_T."""
+    known = setting.known or setting.biped
+    return setting.theta_d == 0.0 and (setting.law == "pd" or (setting.plain and known.plain))
 
 
 def _poles(setting: Setting, scenario: Scenario) -> Iterator[Obstacle]:
     if setting.bounds is None or math.isfinite(setting.adapt):  # (27)-(29) are then not necessary
         return
-    biped, kind = setting.biped, setting.law
+    biped, kind = setting.under(scenario).biped, setting.law
     low, high = setting.bounds[:, 0], setting.bounds[:, 1]
     best = (high[0], high[1], low[2])
     sigma = _level(setting, "decay-rate")

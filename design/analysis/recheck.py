@@ -141,19 +141,28 @@ def _reactions(
     turning = _turning(biped, np.sin(theta), np.cos(theta), tau, force[0], force[1])
     rising = -biped.L * (turning * np.sin(theta) + omega**2 * np.cos(theta))  # second derivative of L cos(theta)
     pressing = biped.M * (rising + biped.g) - force[1]  # of the body on the foot
-    total = pressing + biped.m * biped.g
+    weight = _foot_weight(biped, force[1])
+    total = pressing + weight
     if biped.plain:
         return tau, 0.5 * (total - tau / biped.ell), 0.5 * (total + tau / biped.ell)
     sliding = biped.L * (turning * np.cos(theta) - omega**2 * np.sin(theta))  # second derivative of L sin(theta)
-    about_heel = _about_ankle(biped, tau, biped.M * sliding - force[0]) + biped.heel * total
+    about_heel = _about_ankle(biped, tau, biped.M * sliding - force[0], weight) + biped.heel * total
     F_T = about_heel / (biped.toe + biped.heel)
     return tau, F_T, total - F_T
 
 
-def _about_ankle(biped: Biped, tau: Any, shear: Any) -> Any:
-    """l_T F_T - l_H F_H [N m], from the foot's balance of moments; ``shear``: the ground's horizontal force."""
+def _foot_weight(biped: Biped, F_y: Any) -> Any:
+    """What the foot weighs [N]: under gravity, or in the field that gives the body the force ``F_y`` besides."""
+    return biped.m * (biped.g - F_y / biped.M) if biped.ground_loads else biped.m * biped.g
+
+
+def _about_ankle(biped: Biped, tau: Any, shear: Any, weight: Any) -> Any:
+    """l_T F_T - l_H F_H [N m], from the foot's balance of moments.
+
+    ``shear``: what the ground holds the body with, horizontally [N]; ``weight`` of the foot [N].
+    """
     middle = 0.5 * (biped.toe - biped.heel)
-    return -tau + middle * biped.m * biped.g - biped.height * shear
+    return -tau + middle * weight - biped.height * shear
 
 
 def _turning(biped: Biped, sine: Array, cosine: Array, tau: Array, F_x: Array, F_y: Array) -> Array:
@@ -179,16 +188,17 @@ def _rate(
     sine, cosine = math.sin(theta), math.cos(theta)
     turning = ((biped.M * biped.g - F_y) * L * sine + F_x * L * cosine + tau) / biped.I
     if kind != "pd" and not (biped.plain and target == 0.0):
-        total = biped.M * (biped.g - L * (turning * sine + omega**2 * cosine)) - F_y + biped.m * biped.g
+        weight = _foot_weight(biped, F_y)
+        total = biped.M * (biped.g - L * (turning * sine + omega**2 * cosine)) - F_y + weight
         shear = biped.M * L * (turning * cosine - omega**2 * sine) - F_x
-        short = target * total - _about_ankle(biped, tau, shear)  # the load times how far the CoP is behind P_d
+        short = target * total - _about_ankle(biped, tau, shear, weight)  # the load times how far the CoP is behind P_d
         gathering = (short / total if total else math.inf) if kind == "cop" else short / ell
         # the moments about the point under the ankle say where the body would rest with the CoP at P_d
         ground = biped.I + biped.M * L * biped.height
         leaning = theta + (short - ground * turning) / (biped.M * biped.g * L)
         return [omega, turning, gathering, (leaning - theta_d) / adapt]
     if kind == "cop":
-        total = biped.M * (biped.g - L * (turning * sine + omega**2 * cosine)) - F_y + biped.m * biped.g
+        total = biped.M * (biped.g - L * (turning * sine + omega**2 * cosine)) - F_y + _foot_weight(biped, F_y)
         gathering = tau * (believed.ell / ell) / total if total else math.inf
     else:
         gathering = 0.0 if kind == "pd" else tau / ell

@@ -69,7 +69,8 @@ def _slope_limit(biped: Biped, theta: float) -> float:
     for _ in range(80):
         middle = 0.5 * (low + high)
         falls = biped.M * biped.L * math.sin(theta + middle) + biped.M * biped.height * math.sin(middle)
-        held = falls <= biped.toe * (biped.M * math.cos(middle) + biped.m) - biped.tilt / biped.g
+        foot = math.cos(middle) if biped.ground_loads else 1.0
+        held = falls <= biped.toe * (biped.M * math.cos(middle) + biped.m * foot) - biped.tilt / biped.g * foot
         low, high = (middle, high) if held else (low, middle)
     return low
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from design.analysis.objectives import OBJECTIVES
+from design.analysis.obstacles import Obstacle
 from design.analysis.rows import Row, Verdict
 from design.model.laws import Gains
 from design.solvers.outcome import Outcome
@@ -130,7 +131,7 @@ class Answer:
     """The outcome, and what was found on the way; ``why`` not, where it was asked.
 
     ``missed``: rows at the nearest miss, where nothing was solved. ``given``: the objective at the spec's own gains.
-    ``points`` of the box of [uncertainty] that were asked for too.
+    ``points`` of the box of [uncertainty] that were asked for too. ``obstacle``: the proof that it is infeasible.
     """
 
     outcome: Outcome[Synthesis]
@@ -139,3 +140,4 @@ class Answer:
     given: float | None = None
     why: WhyNot | None = None
     points: tuple[BoxPoint, ...] = ()
+    obstacle: Obstacle | None = None

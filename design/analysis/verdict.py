@@ -54,32 +54,35 @@ def judge(
     def wanted(ids: Sequence[str]) -> bool:
         return everything or any(row in setting.required or row in also for row in ids)
 
-    loop = setting.loop()
-    bounds = limits(loop.plant, setting.required)
     rows: list[Row] = []
     trajectories: list[Trajectory] = []
     series: list[Series] = []
     unstable = ""
     for scenario in setting.scenarios:
-        stability = stability_rows(setting, scenario, gains)
+        world = setting.under(scenario)
+        loop = world.loop()
+        stability = stability_rows(world, scenario, gains)
         rows += stability
         here = instability(stability)
         unstable = unstable or here
         trajectory = simulate(loop, scenario, gains, setting.step)
         trajectories.append(trajectory)
         distrust = coarse_step(loop, scenario, gains, setting.step)
+        bounds = limits(loop.plant, setting.required, field=scenario.field)
         found = components(bounds, trajectory)
         for limit, quantity in zip(bounds, found, strict=True):
             rows.append(limit_row(limit, quantity, trajectory, distrust))
             series.append(_series(limit, quantity, trajectory))
         if wanted(RUN_IDS):
-            rows += run_rows(setting, loop, scenario, gains, trajectory, distrust, here)
+            rows += run_rows(world, loop, scenario, gains, trajectory, distrust, here)
     if wanted(LINEAR_IDS):
         rows += loop_rows(setting, gains, unstable)
     if wanted(STEP_IDS):
         unstable = unstable or unstable_at_rest(setting, gains)
-        distrusts = [coarse_step(loop, scenario, gains, setting.step) for scenario in setting.scenarios]
-        rows += survival_rows(setting, loop, gains, unstable or next(filter(None, distrusts), ""))
+        distrusts = [
+            coarse_step(setting.under(scenario).loop(), scenario, gains, setting.step) for scenario in setting.scenarios
+        ]
+        rows += survival_rows(setting, gains, unstable or next(filter(None, distrusts), ""))
     return Verdict(rows=tuple(rows), trajectories=tuple(trajectories), series=tuple(series))
 
 

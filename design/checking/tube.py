@@ -83,6 +83,8 @@ class _Loop:
         self.M, self.L, self.m, self.ell = number.values()
         self.per_I, self.per_ell = (inverse(box[name][0], self.at(name)) for name in ("I", "ell"))
         self.ML, self.Mg, self.mg = self.M * self.L, self.M * self.just(g), self.m * self.just(g)
+        # on a slope the foot then weighs m g cos(alpha)
+        self.loaded = spec.get("foot", {}).get("ground_loads", False) is True
         self.aim = radians(spec["law"].get("desired_angle_deg", Fraction(0)), [Fraction(0)] * len(self.moving))
         self.K = [self.just(each) for each in gains]
         self.tilt = radians(box["slope"][0], self.at("slope"))
@@ -113,15 +115,17 @@ class _Loop:
         if self.kind == "slope":  # (21): A = M g, theta_f = -alpha
             alpha = signal[0] * self.tilt
             across, along = sine_and_cosine(theta + alpha)
-            down = self.Mg * sine_and_cosine(alpha)[1]
+            upright = sine_and_cosine(alpha)[1]
+            down, foot = self.Mg * upright, self.mg * upright if self.loaded else self.mg
             moment, stiffness = self.Mg * across, self.Mg * along
         else:
+            foot = self.mg
             x_force = -(self.M * signal[0]) if self.kind == "platform" else signal[0]
             down = self.Mg if self.kind == "platform" else self.Mg - signal[1]
             moment, stiffness = down * sine + x_force * cosine, down * cosine - x_force * sine
         moment, stiffness = self.L * moment, self.L * stiffness
         turning = self.per_I * (moment + tau)
-        load = self.mg + down - self.ML * (turning * sine + omega * omega * cosine)
+        load = foot + down - self.ML * (turning * sine + omega * omega * cosine)
         flow = [omega, turning, self.per_ell * tau][: len(x)]
         return Parts(tau, turning, flow, sine, moment, stiffness, load)
 

@@ -3,6 +3,11 @@
 The paper's foot is symmetric, its ankle on the ground. Here the ankle may be nearer to one end, and above the ground:
 ell is half the length of the foot, and the distances to toe and heel are ell (1 + skew) and ell (1 - skew), so that a
 foot that is scaled, ``replace(biped, ell=...)``, keeps its shape. The foot's weight acts in the middle of its length.
+
+On a slope the external force of (21) is gravity's, which acts on the foot's mass as well, m/M times. The paper leaves
+that out of (5) and (6). With ``ground_loads`` it is counted: the foot then weighs m g - kappa F_y, kappa = m/M, which
+on a slope is m g cos(alpha). The foot is flat, its mass at the ground: along the ground its share acts through the
+points of contact and turns nothing.
 """
 
 from __future__ import annotations
@@ -26,9 +31,12 @@ class Biped:
     g: float = 9.81  # [m/s²]
     skew: float = 0.0  # (toe - heel)/(toe + heel) of the distances from the ankle, in (-1, 1)
     height: float = 0.0  # of the ankle above the ground [m]
+    ground_loads: bool = False  # the external force is an acceleration field, and m/M times it acts on the foot too
 
     def __post_init__(self) -> None:
         for field in fields(self):
+            if field.name == "ground_loads":
+                continue
             value = getattr(self, field.name)
             may_vanish = field.name in ("m", "height")
             if field.name == "skew":
@@ -66,9 +74,27 @@ class Biped:
         return self.ell * ((1.0 - lean) * F_H - (1.0 + lean) * F_T)
 
     @property
+    def kappa(self) -> float:
+        """The force on the foot as a part of that on the body: m/M with ``ground_loads``, else 0."""
+        return self.foot_share if self.ground_loads else 0.0
+
+    def load(self, F_y: Any) -> Any:
+        """F_T + F_H at rest under the vertical force ``F_y`` [N]."""
+        return self.weight - (1.0 + self.kappa) * F_y
+
+    def tilt_under(self, F_y: Any) -> Any:
+        """``tilt`` under the vertical force ``F_y`` [N]."""
+        return self.tilt - self.ell * self.skew * self.kappa * F_y
+
+    @property
     def tilt(self) -> float:
         """Moment about the ankle of the foot's own weight, which acts in the middle of its length [N m]."""
         return self.ell * self.skew * self.m * self.g
+
+    @property
+    def foot_share(self) -> float:
+        """m/M: the force of an acceleration field on the foot as a part of that on the body."""
+        return self.m / self.M
 
     @property
     def weight(self) -> float:

@@ -45,7 +45,7 @@ def deciding_places(biped: Biped, kind: LawKind, F: Array, adapt: float = math.i
     """
     down = biped.M * biped.g - F[1]
     if kind == "pd" or (biped.plain and target == 0.0):
-        points = deciding_points(kind, np.hypot(down, F[0]), biped.weight - F[1], adapt)
+        points = deciding_points(kind, np.hypot(down, F[0]), biped.load(F[1]), adapt)
         return [Place(float(A), float(load)) for A, load in zip(*points, strict=True)]
     found = standing(biped, F, target)
     load = bearing(found.load) if kind == "cop" else np.full_like(found.load, found.load[0])

@@ -57,6 +57,11 @@ class Scenario:
     omega0: float = 0.0
 
     @property
+    def field(self) -> bool:
+        """Whether the force is an acceleration field, which acts on the foot too: a slope, or a moving floor."""
+        return self.kind in ("slope", "platform")
+
+    @property
     def breakpoints(self) -> list[float]:
         """Instants in (0, duration) at which the signal has a corner or jumps [s]."""
         return sorted({float(t) for t in self.times if 0.0 < t < self.duration})
@@ -142,7 +147,7 @@ class Scenario:
         linear in time; on a slope A does not change).
         """
         F_x, F_y = self.operating_forces(biped, per_piece)
-        return np.hypot(biped.M * biped.g - F_y, F_x), biped.weight - F_y
+        return np.hypot(biped.M * biped.g - F_y, F_x), biped.load(F_y)
 
     def operating_forces(self, biped: Biped, per_piece: int = 9) -> Array:
         """The forces (2, j) [N] of ``operating_points``."""

@@ -64,11 +64,19 @@ class Limit:
         return np.asarray(quantity.min(axis=0) if self.sense == "at least" else quantity.max(axis=0))
 
 
-def limits(plant: Plant, required: Mapping[str, Required]) -> list[Limit]:
-    """The limits along a trajectory; ``required`` maps ``contact-force``, ``cop-margin``, ``torque`` to levels."""
+def limits(plant: Plant, required: Mapping[str, Required], *, field: bool = False) -> list[Limit]:
+    """The limits along a trajectory.
+
+    ``required``: ``contact-force``, ``cop-margin``, ``torque``, ``friction`` -> level. ``field``: the force is that of
+    an acceleration field (``Scenario.field``); m/M times it acts on the foot, which friction must hold too.
+    """
     x, tau, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("F", 2)
     reaction = plant.forces(x, tau, F)
-    slip = plant.friction(x, tau, F) / (reaction[0] + reaction[1])
+    along, load = plant.friction(x, tau, F), reaction[0] + reaction[1]
+    if field:
+        share = plant.biped.foot_share
+        along, load = along - share * F[0], load - (share - plant.biped.kappa) * F[1]
+    slip = along / load
     P, ell, toe, heel = plant.cop(x, tau, F), plant.biped.ell, plant.biped.toe, plant.biped.heel
 
     def function(name: str, *components: ca.SX) -> ca.Function:

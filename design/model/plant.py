@@ -10,9 +10,10 @@ ankle
 
     l_T F_T - l_H F_H = -tau + c m g - h f_x,    P = (l_T F_T - l_H F_H)/N
 
-F_T = (l_H N - tau + c m g - h f_x)/(l_T + l_H) and F_H = (l_T N + tau - c m g + h f_x)/(l_T + l_H). What a slope
-does to the foot itself along the ground is left out of f_x, as the paper leaves it out. The formulas are written such
-that for the paper's foot they are (5), (6) and (18) to the last digit.
+F_T = (l_H N - tau + c m g - h f_x)/(l_T + l_H) and F_H = (l_T N + tau - c m g + h f_x)/(l_T + l_H). f_x is the
+body's: what a slope does to the foot itself along the ground acts at the ground and has no arm. Where it counts what a
+slope does to the foot's weight (``Biped.ground_loads``), m g - kappa F_y takes the place of m g. The formulas are
+written such that for the paper's foot they are (5), (6) and (18) to the last digit.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Plant:
     """The biped's equations.
 
     ``dynamics``: (x (2), tau, F (2)) -> x' (2) [rad/s, rad/s²]. ``forces``: (x, tau, F) -> (F_T, F_H) [N].
-    ``cop``: (x, tau, F) -> P [m]. ``friction``: (x, tau, F) -> horizontal force of the ground on the foot [N].
+    ``cop``: (x, tau, F) -> P [m]. ``friction``: (x, tau, F) -> horizontal force of the ground that holds the body [N].
     """
 
     biped: Biped
@@ -56,19 +57,19 @@ def plant(biped: Biped) -> Plant:
 
 
 def body_numbers(biped: Biped) -> tuple[float, ...]:
-    """(M, L, I, m, ell, g, skew, height): what ``held`` and ``reactions`` take for a body."""
-    return biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g, biped.skew, biped.height
+    """(M, L, I, m, ell, g, skew, height, kappa): what ``held`` and ``reactions`` take for a body."""
+    return biped.M, biped.L, biped.I, biped.m, biped.ell, biped.g, biped.skew, biped.height, biped.kappa
 
 
 def held(count: int) -> ca.Function:
-    """Any biped under a held torque: (x (2), tau, body (8), drive (7 count + 2)) -> after (5), contact (3, count).
+    """Any biped under a held torque: (x (2), tau, body (9), drive (7 count + 2)) -> after (5), contact (3, count).
 
     ``body`` is ``body_numbers``. The drive is ``count`` steps of (h, F at its start, middle and end), by the classical
     fourth-order Runge-Kutta method, and then the force that comes afterwards. After is x, F_T and F_H [N] under that
     force, and 1 where neither end of the foot was ever pulled, else 0. Contact on the way: the smaller of the values at
     both ends of each step of F_T, F_H [N], and the distance of P from the nearer end of the foot [m].
     """
-    x, tau, body, drive = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 8), ca.SX.sym("drive", 7 * count + 2)
+    x, tau, body, drive = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 9), ca.SX.sym("drive", 7 * count + 2)
     numbers = ca.vertsplit(body)
     toe, heel = body[4] * (1 + body[6]), body[4] * (1 - body[6])
     following, along, kept = x, [], ca.SX(1)
@@ -91,22 +92,23 @@ def held(count: int) -> ca.Function:
 
 
 def reactions() -> ca.Function:
-    """Any biped's (x (2), tau, body (8), F (2)) -> (F_T, F_H) [N]; ``body`` as in ``held``."""
-    x, tau, body, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 8), ca.SX.sym("F", 2)
+    """Any biped's (x (2), tau, body (9), F (2)) -> (F_T, F_H) [N]; ``body`` as in ``held``."""
+    x, tau, body, F = ca.SX.sym("x", 2), ca.SX.sym("tau"), ca.SX.sym("body", 9), ca.SX.sym("F", 2)
     reaction = _equations(ca.vertsplit(body), x, tau, F)[1]
     return ca.Function("reactions", [x, tau, body, F], [reaction], ["x", "tau", "body", "F"], ["forces"])
 
 
 def _equations(numbers: Any, x: Any, tau: Any, F: Any) -> tuple[Any, Any, Any, Any]:
     """x', (F_T, F_H), P and the horizontal force on the foot, for a body of ``numbers`` (``body_numbers``)."""
-    M, L, I, m, ell, g, skew, height = numbers
+    M, L, I, m, ell, g, skew, height, kappa = numbers
     theta, omega = ca.vertsplit(x)
     F_x, F_y = ca.vertsplit(F)
     acceleration = ((M * g - F_y) * L * ca.sin(theta) + F_x * L * ca.cos(theta) + tau) / I  # (2)
     f_y = -M * L * acceleration * ca.sin(theta) - M * L * omega**2 * ca.cos(theta) + M * g - F_y  # (7)
     f_x = M * L * (acceleration * ca.cos(theta) - omega**2 * ca.sin(theta)) - F_x  # Newton, forward, foot at rest
-    turn = tau - (ell * skew * m * g - height * f_x)  # l_H F_H - l_T F_T
-    F_T = -turn / (2 * ell) + (1 - skew) * m * g / 2 + (1 - skew) * f_y / 2  # (5)
-    F_H = turn / (2 * ell) + (1 + skew) * m * g / 2 + (1 + skew) * f_y / 2  # (6)
+    field = kappa * F_y  # on the foot
+    turn = tau - (ell * skew * m * g - ell * skew * field - height * f_x)  # l_H F_H - l_T F_T
+    F_T = -turn / (2 * ell) + ((1 - skew) * m * g / 2 - (1 - skew) * field / 2) + (1 - skew) * f_y / 2  # (5)
+    F_H = turn / (2 * ell) + ((1 + skew) * m * g / 2 - (1 + skew) * field / 2) + (1 + skew) * f_y / 2  # (6)
     P = ((1 + skew) * F_T - (1 - skew) * F_H) * ell / (F_T + F_H)  # (18)
     return ca.vertcat(omega, acceleration), ca.vertcat(F_T, F_H), P, f_x

@@ -57,10 +57,10 @@ def standing(biped: Biped, F: Array, target: float = 0.0) -> Standing:
     F_x, F_y = np.asarray(F, dtype=np.float64)
     down = biped.M * biped.g - F_y
     size, theta_f = np.hypot(down, F_x), np.arctan2(-F_x, down)  # (3), (4)
-    load = biped.weight - F_y
+    load = biped.load(F_y)
     if biped.plain and target == 0.0:
         return Standing(theta=theta_f, tau=0.0 * load, A=size, load=load, beta=0.0 * load)
-    tau = biped.tilt + biped.height * F_x - target * load
+    tau = biped.tilt_under(F_y) + biped.height * F_x - target * load
     with np.errstate(all="ignore"):
         away = np.arcsin(tau / (size * biped.L))
     theta = theta_f - away

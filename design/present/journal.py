@@ -16,6 +16,7 @@ may inherit it and keep it: start such workers before the journal is opened.
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import platform
@@ -48,24 +49,34 @@ class Journal:
     """The rows that are there, and the way to add one; a context manager, whose end releases the lock.
 
     ``rows`` are as they would be read back: keys are text, and what is not finite is None. ``torn`` counts the torn
-    last lines that were cut off, 0 or 1. One thread appends.
+    last lines that were cut off, 0 or 1; ``damaged`` the lines that a repair left out. One thread appends.
     """
 
     path: Path
     rows: list[dict[str, Any]]
     torn: int
+    damaged: int
     _fd: int
     _held: ExitStack
     _dirty: bool = False
     _synced: float = field(default_factory=time.monotonic)
 
     @classmethod
-    def open(cls, folder: str | Path, identity: Mapping[str, Any], *, resume: bool) -> Self:
+    def open(
+        cls,
+        folder: str | Path,
+        identity: Mapping[str, Any],
+        *,
+        resume: bool,
+        repair: bool = False,
+        force_new: bool = False,
+    ) -> Self:
         """Begin a journal in ``folder``, or with ``resume`` continue the one there, of the same ``identity``, if any.
 
-        The folder is made if it is missing. Raises ``BadInput``, and leaves the journal as it is, if the folder cannot
-        be written to or is in use; holds a journal and not ``resume``; holds one of another identity, or with a
-        damaged line before its last.
+        ``repair`` leaves out lines that are damaged, ``force_new`` begins anew whatever is there; either keeps the old
+        file beside the new one. The folder is made if it is missing. Raises ``BadInput``, and leaves the journal as it
+        is, if the folder cannot be written to or is in use; holds a journal and neither ``resume`` nor ``force_new``;
+        holds one of another identity, or without ``repair`` one with a damaged line before its last.
         """
         path = Path(folder, NAME)
         head = _text({"journal": FORMAT, "identity": _plain(identity)}) + b"\n"
@@ -73,6 +84,9 @@ class Journal:
         with ExitStack() as held, _saying(folder, "cannot hold a study", needed):
             Path(folder).mkdir(exist_ok=True)
             _lock(Path(folder), held)
+            if force_new and path.exists():
+                path.replace(_spare(path, "old"))
+            damaged = _repaired(path) if repair else 0
             fd = os.open(path, _FLAGS, 0o666)
             held.callback(os.close, fd)
             with path.open("rb") as file:
@@ -83,7 +97,9 @@ class Journal:
             torn = len(lines) - kept
             if torn:
                 os.ftruncate(fd, sum(map(len, lines[:kept])))
-            journal = cls(path=path, rows=rows, torn=torn, _fd=fd, _held=held.pop_all(), _dirty=bool(torn))
+            journal = cls(
+                path=path, rows=rows, torn=torn, damaged=damaged, _fd=fd, _held=held.pop_all(), _dirty=bool(torn)
+            )
         if not begun:
             journal._write(head)
         return journal
@@ -166,16 +182,34 @@ def _continued(lines: list[bytes], identity: Mapping[str, Any], path: Path, *, r
         more = f"; and {len(differences) - SHOWN} more" if len(differences) > SHOWN else ""
         message = (
             f"holds rows of another study: {'; '.join(differences[:SHOWN])}{more}; rows of two studies are not mixed; "
-            "ask what was asked then, or choose another folder"
+            "ask what was asked then, choose another folder, or begin anew with --force-new"
         )
         raise BadInput(message, file=str(path.parent))
     if None in rows[:-1]:
         message = (
             "is damaged: it does not agree with its checksum, and only the last line can have been torn by an "
-            "interruption; remove this line, then continue with --resume"
+            "interruption; continue with --resume --repair, which runs its trial again"
         )
         raise BadInput(message, file=str(path), key=f"line {2 + rows.index(None)}")
     return kept
+
+
+def _repaired(path: Path) -> int:
+    """Leave out damaged lines before the last, and keep the file as it was beside; how many there were."""
+    if not path.exists():
+        return 0
+    head, *lines = path.read_bytes().splitlines(keepends=True) or [b""]
+    damaged = [line for line in lines[:-1] if _row(line) is None]
+    if damaged:
+        write(_spare(path, "damaged"), path.read_bytes())
+        write(path, b"".join([head, *(line for line in lines[:-1] if _row(line) is not None), *lines[-1:]]))
+    return len(damaged)
+
+
+def _spare(path: Path, ending: str) -> Path:
+    """A name beside ``path`` that is not taken."""
+    names = (path.with_name(f"{path.name}.{ending}{number or ''}") for number in itertools.count())
+    return next(name for name in names if not name.exists())
 
 
 def _is_torn_head(lines: list[bytes]) -> bool:
@@ -235,6 +269,9 @@ def _lock(folder: Path, held: ExitStack) -> None:
             f"is in use by {_holder(folder / HOLDER)}; one process at a time can write a study; "
             "wait for it, end it, or choose another folder"
         )
+        raise BadInput(message, file=str(folder)) from None
+    except NotImplementedError:
+        message = "cannot hold a study: its file system has no locks (flock); choose a folder on a local disk"
         raise BadInput(message, file=str(folder)) from None
     held.callback(lock.release)
     write(folder / HOLDER, dumps({"pid": os.getpid(), "host": platform.node()}))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from design.analysis.obstacles import beyond_ankles
+from design.analysis.rows import Verdict
 from design.analysis.verdict import judge
 from design.errors import BadInput
 from design.model.laws import Gains, LawKind
@@ -74,7 +76,17 @@ def judged(
     if beside is not None:
         source, problem = beside.source, beside.setting.with_law(problem.law, its)
         its = problem.given_gains()
-    return Report(source=source, setting=problem, gains=its, verdict=judge(problem, its, "all"))
+    verdict = judge(problem, its, "all")
+    remarks = _physical_limits(problem, verdict)
+    return Report(source=source, setting=problem, gains=its, verdict=verdict, remarks=remarks)
+
+
+def _physical_limits(problem: Setting, verdict: Verdict) -> tuple[str, ...]:
+    """A sentence for each scenario whose contact is lost and that no ankle survives."""
+    lost = [
+        row.scenario or "" for row in verdict.rows if row.id in ("toe-force", "heel-force") and row.status == "violated"
+    ]
+    return tuple(each.sentence(problem.biped) for each, _ in beyond_ankles(problem, lost)) if lost else ()
 
 
 def proved(report: Report, seconds: float) -> Report:

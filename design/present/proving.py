@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from typing import Any
 
-from design.analysis.rows import Row, Verdict
+from design.analysis.rows import Row, RowStatus, Verdict
 from design.errors import BadInput
 from design.model.laws import Gains, LawKind
 from design.present import opening, store, terminal, text
@@ -31,6 +31,14 @@ UNITS = {"M": ("mass", "kg", 1.0), "L": ("com height", "m", 1.0), "I": ("inertia
          "m": ("foot mass", "kg", 1.0), "ell": ("half length", "m", 1.0), "slope": ("slope", "deg", 180 / math.pi),
          "ramp": ("ramp", "s", 1.0)}  # fmt: skip
 WORST: dict[Answer, int] = {"proved": 0, "unknown": 1, "disproved": 2}
+STYLES: dict[Answer, text.Style] = {
+    "proved": text.Style.GOOD, "disproved": text.Style.BAD, "unknown": text.Style.DOUBT,
+}  # fmt: skip
+WORDS: dict[RowStatus, tuple[str, text.Style]] = {
+    "met": ("PROVED", text.Style.GOOD),
+    "violated": ("DISPROVED", text.Style.BAD),
+    "undecided": ("UNKNOWN", text.Style.DOUBT),
+}
 
 
 def render(
@@ -178,14 +186,13 @@ def as_text(
     gains: Gains,
     proofs: list[Proof],
     sizes: list[Largest],
-    paint: Callable[[str, str], str],
+    paint: text.Paint,
 ) -> str:
     """The rows, the box, the assumptions, and the answer, at most 80 wide but for names."""
-    words = {"met": ("PROVED", "good"), "violated": ("DISPROVED", "bad"), "undecided": ("UNKNOWN", "warn")}
     lines = [f"{source.spec.name}, law {problem.law}, {text.gains_line(gains, problem.law)}", ""]
     lines.append(f"{'':9} {'row':<11} {'scenario':<12} {'bound':>11} {'needs':>9} {'unit':<9} {'at s':>6}")
     for row in rows(problem, proofs):
-        word, style = words[row.status]
+        word, style = WORDS[row.status]
         value = "-" if row.value is None else f"{row.value:.6g}"
         at = "-" if row.time_s is None else f"{row.time_s:.3f}"
         lines.append(
@@ -204,8 +211,7 @@ def as_text(
         lines += textwrap.wrap(said, 78, subsequent_indent="  ")
     lines += ["", *textwrap.wrap(f"Assumes {ASSUMPTIONS}.", 78), ""]
     answer = overall(proofs)
-    style = {"proved": "good", "disproved": "bad", "unknown": "warn"}[answer]
-    lines.append(paint(f"contact and stability: {answer.upper()}", style))
+    lines.append(paint(f"contact and stability: {answer.upper()}", STYLES[answer]))
     return "\n".join(lines) + "\n"
 
 

@@ -43,6 +43,7 @@ def measured(file: str, how: Reading, spec: str | None, *, strict: bool = False)
     """Read and check the recording in ``file``; warnings go to standard error, ``strict`` makes the first an error."""
     source = opening.opened(spec, strict=strict)[0] if spec else load(ASSUMED_SPEC)
     problem = setting(source.spec)
+    problem.must_not_load_the_foot("a recording")
     record = open_record(file, how, problem.biped, given=spec is not None)
     _remark(record, strict=strict)
     return Measured(source=source, record=record, found=estimates(record, problem))
@@ -51,6 +52,7 @@ def measured(file: str, how: Reading, spec: str | None, *, strict: bool = False)
 def judged(file: str, how: Reading, spec: str, *, strict: bool = False) -> Report:
     """The report on a recording against the requirements of ``spec``."""
     source, problem = opening.opened(spec, strict=strict)
+    problem.must_not_load_the_foot("a recording")
     record = open_record(file, how, problem.biped, given=True)
     _remark(record, strict=strict)
     verdict = judge_record(problem, record)

@@ -7,7 +7,7 @@ from typing import Any
 
 from design.model.laws import Gains
 from design.present import store
-from design.present.text import Paint, gains_line, number, wrapped
+from design.present.text import Paint, Style, gains_line, number, wrapped
 from design.spec.load import Source
 from design.spec.setting import Setting
 
@@ -50,7 +50,7 @@ def as_text(document: Facts, paint: Paint) -> str:
 
 
 def _none(each: Facts, paint: Paint) -> list[str]:
-    return [paint(f"{each['scenario']}: NONE FOUND", "doubt"), *wrapped(each["why"], "  ")]
+    return [paint(f"{each['scenario']}: NONE FOUND", Style.DOUBT), *wrapped(each["why"], "  ")]
 
 
 def _region(each: Facts, paint: Paint) -> list[str]:
@@ -68,7 +68,7 @@ def _region(each: Facts, paint: Paint) -> list[str]:
     ]
     head = f"about theta_f = {number(each['stationary_angle_deg'])} deg, F_T and F_H >= {each['contact_force_n']:g} N"
     return [
-        paint(f"{each['scenario']}: PROVED", "good") + f" {head}",
+        paint(f"{each['scenario']}: PROVED", Style.GOOD) + f" {head}",
         *(f"  {name:<28} {number(value, 5):>9} {unit:<6} {note}".rstrip() for name, value, unit, note in rows),
         *wrapped(
             f"Were its force there at once, the scenario's own start would be {start} (V ="

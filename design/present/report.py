@@ -15,17 +15,17 @@ from design.analysis.rows import Row, RowStatus, Verdict
 from design.errors import BadInput
 from design.model.laws import Gains
 from design.present import store
-from design.present.text import Paint, gains_line, number, ranked, report_table, short, table, word, wrapped
+from design.present.text import Paint, Style, gains_line, number, ranked, report_table, short, table, word, wrapped
 from design.spec.load import Source
 from design.spec.setting import Setting
 
 if TYPE_CHECKING:  # only who reads recordings waits for it
     from design.recordings.record import Record
 
-WORDS: dict[RowStatus, tuple[str, str]] = {
-    "met": ("KEPT", "good"),
-    "violated": ("BROKEN", "bad"),
-    "undecided": ("UNDECIDED", "doubt"),
+WORDS: dict[RowStatus, tuple[str, Style]] = {
+    "met": ("KEPT", Style.GOOD),
+    "violated": ("BROKEN", Style.BAD),
+    "undecided": ("UNDECIDED", Style.DOUBT),
 }
 
 

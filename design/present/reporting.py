@@ -35,8 +35,9 @@ def render(
     if output and form == "text":
         form = ENDINGS.get(Path(output).suffix, form)
     with drawing.pen(apart=form == "html") as pen:
-        from design.present import opening, report
+        from design.present import opening, report, store
 
+        store.check_writable(output)
         if record is not None and output is not None:
             from design.present.recording import check_apart
 

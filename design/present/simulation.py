@@ -41,9 +41,10 @@ def render(
     store.check_writable(plot, animate, output)
     chosen = problem.scenarios if scenario is None else (problem.scenario(scenario),)
     its = problem.given_gains()
-    loop = problem.loop()
-    runs = [simulate(loop, each, its, problem.step) for each in chosen]
-    for why in filter(None, (coarse_step(loop, each, its, problem.step) for each in chosen)):
+    loops = [problem.under(each).loop() for each in chosen]
+    runs = [simulate(loop, each, its, problem.step) for loop, each in zip(loops, chosen, strict=True)]
+    doubts = (coarse_step(loop, each, its, problem.step) for loop, each in zip(loops, chosen, strict=True))
+    for why in filter(None, doubts):
         terminal.note(f"warning: do not trust these numbers: {why}")
     if form == "csv":
         result = text.csv_text(runs)
@@ -73,6 +74,7 @@ def estimates(problem: Setting, run: Trajectory) -> dict[str, Any] | None:
 
     Noise and tolerances are those of the spec, to first order; the errors are those without noise.
     """
+    problem = problem.under(problem.scenario(run.scenario))
     period = max(problem.step, (float(run.t[-1]) - float(run.t[0])) / MOST)
     signals = evenly(Signals(run.t, run.theta, run.omega, run.F_T, run.F_H), period)
     if len(signals.t) < 4 or run.fallen is not None or run.lost_contact is not None:

@@ -6,12 +6,15 @@ Hashes are over inputs only. JSON never holds NaN or infinity: what is not finit
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import math
 import os
 import platform
+import stat
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -52,6 +55,16 @@ def provenance() -> dict[str, str]:
         **{name: version(name) for name in ("casadi", "numpy", "scipy", "clarabel")},
         "python": platform.python_version(),
     }
+
+
+def code() -> str:
+    """The digest of Poise's own source files; rows of two versions of the code are not mixed."""
+    home = Path(__file__).resolve().parents[2]
+    files = sorted(path for package in ("design", "problems") for path in (home / package).rglob("*.py"))
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(path.relative_to(home).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def gains_json(gains: Gains) -> dict[str, float]:
@@ -149,11 +162,24 @@ def _replace(target: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        Path(name).chmod(0o666 & ~_umask())
+        _as_before(Path(name), target)
         Path(name).replace(target)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def _as_before(new: Path, target: Path) -> None:
+    """Give ``new`` the mode and, where the system lets it, the owner of the file that it is to replace, if any."""
+    try:
+        there = target.stat()
+    except FileNotFoundError:
+        new.chmod(0o666 & ~_umask())
+        return
+    if hasattr(os, "chown") and (there.st_uid, there.st_gid) != (new.stat().st_uid, new.stat().st_gid):
+        with suppress(PermissionError):
+            os.chown(new, there.st_uid, there.st_gid)
+    new.chmod(stat.S_IMODE(there.st_mode))
 
 
 def check_writable(*paths: str | None) -> None:

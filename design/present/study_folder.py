@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from design.errors import BadInput
+from design.errors import BadInput, Infrastructure
 from design.present import store, study_text, terminal
 
 
@@ -16,6 +16,8 @@ def check(folder: str | None, *, resume: bool) -> None:
     if resume and folder is None:
         message = "needs the folder of the study; name it with -o FOLDER"
         raise BadInput(message, key="--resume")
+    if folder is not None and not Path(folder).is_dir():
+        store.check_writable(folder)
 
 
 @contextmanager
@@ -23,7 +25,7 @@ def kept(folder: str | None) -> Iterator[None]:
     """Say, when work is interrupted, what is kept and how to go on."""
     try:
         yield
-    except (KeyboardInterrupt, SystemExit):
+    except (KeyboardInterrupt, SystemExit, Infrastructure):
         if folder is not None and Path(folder, "trials.jsonl").exists():
             terminal.note(f"stopped; what has ended is in {folder}; continue with --resume -o {folder}")
         raise

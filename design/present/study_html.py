@@ -10,7 +10,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from design.present import study_plots, study_text
-from design.present.text import number
+from design.present.text import Style, number
 
 if TYPE_CHECKING:
     from design.present.plots import Figure
@@ -49,19 +49,27 @@ def as_html(document: Document, rows: Sequence[Row]) -> str:
         document=document,
         title=study_text.title(document),
         legend=study_text.LEGEND,
-        word=("COMPLETE", "good") if document["status"] == "complete" else ("UNDECIDED", "doubt"),
+        word=("COMPLETE", Style.GOOD) if document["status"] == "complete" else ("UNDECIDED", Style.DOUBT),
+        contact=contact(document),
         headline=headline(document),
         findings=findings(document),
         table=[(*_word(one), study_text.cells(name, one)) for name, one in controllers.items()],
         told=[f"{name} ({why})" for name, why in TOLD.items() if name in controllers],
-        lines=lines,
+        lines=differences(document, by_scenario=True),
+        tuning=study_text.tuning_sentences(document),
         trouble=trouble[:SHOWN],
         hidden=max(0, len(trouble) - SHOWN),
         drawn=study_plots.chosen(controllers, document["reference"]),
         command=f"poise study SPEC --controllers {','.join(names)} --trials {document['trials']}"
-        f" --seed {document['seed']} -o FOLDER",
+        f" --seed {document['seed']}{_untuned(document)} -o FOLDER",
         **_pictures(document, rows, lines),
     )
+
+
+def _untuned(document: Document) -> str:
+    """The option of a study whose weights were not tuned."""
+    weights = document["tuning"]["weights"].values()
+    return " --no-tune" if weights and not any(its["evaluations"] for its in weights) else ""
 
 
 def _pictures(document: Document, rows: Sequence[Row], lines: list[dict[str, Any]]) -> dict[str, Any]:
@@ -105,21 +113,51 @@ def _svg(figure: Figure | None) -> Any:
     return None if figure is None else Markup(svg(figure))
 
 
-def differences(document: Document) -> list[dict[str, Any]]:
-    """The paired differences, measure by measure, in the units of the page; those without a pair are left out."""
+def differences(document: Document, *, by_scenario: bool = False) -> list[dict[str, Any]]:
+    """The paired differences, measure by measure, in the units of the page; those without a pair are left out.
+
+    Over all scenarios, and with ``by_scenario`` of each too where there are several.
+    """
     found = []
     for measure, (words, unit, scale, better) in COMPARED.items():
         for name, one in document["controllers"].items():
-            its = one.get("against", {}).get(measure)
-            if its and its["pairs"] and its["mean"] is not None:
-                values = {key: None if its[key] is None else scale * its[key] for key in ("mean", "low", "high")}
-                line = {"name": name, "measure": measure, "words": words, "unit": unit, "better": better}
-                found.append({**line, **values, "pairs": its["pairs"]})
+            whole = one.get("against", {}).get(measure)
+            if not whole:
+                continue
+            counts = _counts(document, name) if measure == "lost" else ""
+            split = by_scenario and len(whole["by_scenario"]) > 1 and not (counts and whole["mean"] == 0)
+            parts = whole["by_scenario"] if split else {}
+            for scenario, its in [(study_text.covered(whole), whole), *parts.items()]:
+                if its["pairs"] and its["mean"] is not None:
+                    values = {key: None if its[key] is None else scale * its[key] for key in ("mean", "low", "high")}
+                    line = {"name": name, "measure": measure, "words": words, "unit": unit, "better": better}
+                    of = counts if its is whole or not counts else _counts(document, name, scenario)
+                    line |= {"scenario": scenario, "counts": of}
+                    found.append({**line, **values, "pairs": its["pairs"]})
     return found
 
 
+def _counts(document: Document, name: str, scenario: str | None = None) -> str:
+    """How many trials lost contact, with the reference and with the controller ``name``; or of one ``scenario``."""
+    both = [document["controllers"][who] for who in (document["reference"], name)]
+    if scenario is None:
+        return " to ".join(f"{one['lost']}/{one['trials']}" for one in both)
+    return " to ".join(str(one["lost_in"].get(scenario, 0)) for one in both)
+
+
+def contact(document: Document) -> tuple[str, Style]:
+    """Who lost contact, in a few words, and the style; empty where no trial has ended."""
+    tried = {name: one for name, one in document["controllers"].items() if one["trials"] > one["failed"]}
+    lost = [name for name, one in tried.items() if one["lost"]]
+    if not tried:
+        return "", Style.DOUBT
+    if len(lost) == len(tried) > 1:
+        return "CONTACT LOST by every controller", Style.BAD
+    return (f"CONTACT LOST by {_list(lost)}", Style.BAD) if lost else ("CONTACT KEPT in every trial", Style.GOOD)
+
+
 def headline(document: Document) -> str:
-    """Who kept contact in all trials, and who has the largest median contact force."""
+    """Who lost contact, how often and where, who kept it, and who has the largest median contact force."""
     tried = {name: one for name, one in document["controllers"].items() if one["trials"]}
     if not tried:
         return "No trial has ended: there is nothing to choose by."
@@ -129,6 +167,8 @@ def headline(document: Document) -> str:
         text = "Every controller kept contact in all trials"
     elif kept:
         text = f"{_list(kept)} kept contact in all trials"
+        if lost := [_lost_often(name, one) for name, one in tried.items() if one["lost"]]:
+            text = f"{_list(lost)}; {text}"
     elif any(stood.values()):
         best = max(stood, key=lambda name: stood[name] / tried[name]["trials"])
         often = f"{stood[best]} of {tried[best]['trials']}"
@@ -141,11 +181,22 @@ def headline(document: Document) -> str:
     order = sorted((name for name in tried if medians[name] is not None), key=lambda name: -medians[name])
     if not order:
         return f"{text}."
-    text += f"; the largest median of the smallest contact force is {number(medians[order[0]], 4)} N, with {order[0]}"
+    best = number(medians[order[0]], 4)
     real = [name for name in order if name not in TOLD]
     if order[0] in TOLD and real:
-        text += f" ({TOLD[order[0]]}), and of those told nothing {number(medians[real[0]], 4)} N, with {real[0]}"
-    return f"{text}."
+        text += f"; the largest median of the smallest contact force is {best} N, with {order[0]} ({TOLD[order[0]]}),"
+        most = number(medians[real[0]], 4)
+        text += " and of those told nothing"
+    else:
+        most, real = best, order
+        text += "; the largest median of the smallest contact force is"
+    return f"{text} {most} N, with {_list(name for name in real if number(medians[name], 4) == most)}."
+
+
+def _lost_often(name: str, one: Mapping[str, Any]) -> str:
+    """How often, and in which scenarios, a controller lost contact."""
+    where = ", ".join(f"{scenario} {count}" for scenario, count in one["lost_in"].items())
+    return f"{name} lost contact in {one['lost']} of {one['trials']} trials ({where})"
 
 
 def findings(document: Document) -> list[str]:
@@ -154,7 +205,7 @@ def findings(document: Document) -> list[str]:
     found = []
     for line in differences(document):
         name = line["name"]
-        if line["measure"] == "contact_force_n" and ("synthesized" in name or "mpc" in name):
+        if line["measure"] == "contact_force_n" and ("synthesized" in name or "mpc" in name or name == "lqr"):
             told = f" ({TOLD[name]})" if name in TOLD else ""
             mean = "" if line["low"] is None else f" {line['mean']:+.4g} N"
             found.append(f"{name}{told} against {reference}: smallest contact force{mean}, {_interval(line)}.")
@@ -180,10 +231,10 @@ def _interval(line: Mapping[str, Any]) -> str:
     return f"95 % interval {number(line['low'], 4)} to {number(line['high'], 4)} N{holds} ({pairs})"
 
 
-def _word(one: Mapping[str, Any]) -> tuple[str, str]:
+def _word(one: Mapping[str, Any]) -> tuple[str, Style]:
     if not one["trials"]:
-        return "NO TRIAL", "doubt"
-    return ("LOST", "bad") if one["lost"] else ("FAILED", "bad") if one["failed"] else ("KEPT", "good")
+        return "NO TRIAL", Style.DOUBT
+    return ("LOST", Style.BAD) if one["lost"] else ("FAILED", Style.BAD) if one["failed"] else ("KEPT", Style.GOOD)
 
 
 def _list(names: Iterable[str]) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 from design.analysis.objectives import OBJECTIVES
 from design.analysis.synthesis import Active, Answer, Box, Price, Synthesis, WhyNot
 from design.present import store
-from design.present.text import Paint, gains_line, number, report_table, wrapped
+from design.present.text import Paint, Style, gains_line, number, report_table, wrapped
 from design.spec.load import Source
 from design.spec.setting import Setting
 
@@ -53,7 +53,7 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: 
     outcome = answer.outcome
     head = f"{source.spec.name}: {OBJECTIVES[setting.objective].verb} {setting.objective}, law {setting.law}"
     if outcome.status.word != "solved":
-        style = {"infeasible": "bad"}.get(outcome.status.word, "doubt")
+        style = {"infeasible": Style.BAD}.get(outcome.status.word, Style.DOUBT)
         lines = [head, "", paint(outcome.status.word.upper(), style), *wrapped(outcome.status.value)]
         lines += wrapped(outcome.detail)
         if answer.why:

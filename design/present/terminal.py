@@ -3,29 +3,51 @@
 from __future__ import annotations
 
 import io
+import multiprocessing
 import os
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, TextIO
 
-from design.errors import PoiseError
+from design.errors import BadInput, Infrastructure, PoiseError
+
+INTERRUPTED = 130
+BUG_REPORT = "poise-bug-report.txt"
+
+if TYPE_CHECKING:  # NumPy waits until there is something to paint
+    from design.present.text import Paint
 
 
 def out(text: str) -> None:
-    """A part of the result; if who reads it has seen enough, the program ends well."""
+    """Write a part of the result; a reader that has closed the stream changes nothing, a full disk is ``BadInput``."""
     try:
         sys.stdout.write(text)
         sys.stdout.flush()
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise SystemExit(0) from None
+        _discard(sys.stdout)
+    except OSError as error:
+        _discard(sys.stdout)
+        message = f"cannot be written: {error.strerror or error}; choose another place with -o FILE"
+        raise BadInput(message, key="standard output") from None
 
 
 def note(text: str) -> None:
-    """A line beside the result."""
-    sys.stderr.write(text + "\n")
+    """A line beside the result, dropped where standard error is closed or full."""
+    try:
+        sys.stderr.write(text + "\n")
+        sys.stderr.flush()
+    except (OSError, ValueError):
+        _discard(sys.stderr)
+
+
+def _discard(stream: TextIO) -> None:
+    """Let everything that is still written to ``stream`` vanish, also what Python flushes at its end."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def is_usage(error: Exception) -> bool:
@@ -36,34 +58,61 @@ def is_usage(error: Exception) -> bool:
 def failed(error: Exception) -> None:
     """One line for wrong usage or an internal error."""
     if is_usage(error):
-        error.show()  # type: ignore[attr-defined]
+        shown = io.StringIO()
+        error.show(shown)  # type: ignore[attr-defined]
+        note(shown.getvalue().rstrip())
         return
-    said = " ".join(str(error).split())[:200]
-    note(f"poise: internal error: {type(error).__name__}: {said}; rerun with --debug")
+    if isinstance(error, ImportError):
+        note(f"poise: {error}; a package is missing or broken: pip install --force-reinstall poise; see `poise doctor`")
+        return
+    line = " ".join(str(error).split())[:200]
+    note(f"poise: internal error: {type(error).__name__}: {line}; rerun with --debug, which writes a report of it")
+
+
+def _report(error: Exception) -> None:
+    """Write what a bug report needs to a file, and show the traceback."""
+    from design.present.doctor import bug_report
+    from design.present.store import write
+
+    traceback.print_exception(error)
+    write(BUG_REPORT, bug_report(error, sys.argv[1:]))
+    note(f"poise: {BUG_REPORT} holds what a bug report needs; it names no folder of yours")
 
 
 def ended(run: Callable[[], object], *, debug: bool, stops: tuple[type[BaseException], ...]) -> int:
-    """The exit code with which ``run`` ends: its own, 2 for an error, 130 for one of ``stops``; ``debug`` raises."""
+    """The exit code with which ``run`` ends: its own, 2 for an error, 130 for one of ``stops``.
+
+    ``debug`` raises what Poise says on purpose, and reports every other error.
+    """
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed before the program began
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+        if isinstance(stream, io.TextIOWrapper):  # files and pipes get UTF-8, whatever the locale
+            stream.reconfigure(encoding=None if stream.isatty() else "utf-8", errors="backslashreplace")
+    os.environ["MPLBACKEND"] = "agg"  # a notebook hands its own to the commands that it runs
     try:
         with insistent_interrupts():
             code = run()
-        sys.stdout.flush()
     except PoiseError as error:
         if debug:
             raise
         note(f"poise: {error}")
-        return 2
+        return 3 if isinstance(error, Infrastructure) else 2
     except stops:
-        note("poise: interrupted")
-        return 130
-    except Exception as error:
-        if debug and not is_usage(error):
-            raise
-        failed(error)
+        code = INTERRUPTED
+    except MemoryError:
+        note("poise: there is not enough memory; shorten the scenarios, lengthen the time step, or use fewer --jobs")
         return 2
+    except Exception as error:
+        failed(error)
+        if debug and not is_usage(error):
+            _report(error)
+        return 2
+    if code == INTERRUPTED:  # typer makes this exit code of an interrupt
+        for child in multiprocessing.active_children():  # whatever they do: nobody waits for it
+            child.kill()
+        note("poise: interrupted")
     return code if isinstance(code, int) else 0
 
 
@@ -77,7 +126,7 @@ def deliver(result: str, output: str | None) -> None:
         out(result)
 
 
-def painter_for_output(*, to_file: bool = False) -> Callable[[str, str], str]:
+def painter_for_output(*, to_file: bool = False) -> Paint:
     """Colours where standard output is a terminal and NO_COLOR is not set."""
     from design.present.text import painter
 

@@ -7,6 +7,7 @@ import io
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
+from enum import StrEnum
 
 import numpy as np
 
@@ -15,17 +16,30 @@ from design.analysis.simulate import Trajectory
 from design.model.laws import Gains
 from design.spec.load import builtin_names, builtin_text, parse
 
-Paint = Callable[[str, str], str]
-"""(text, style) -> text; a style is ``good``, ``bad``, ``doubt`` or ``strong``."""
 
-_CODES = {"good": "32", "bad": "1;31", "doubt": "33", "strong": "1"}
+class Style(StrEnum):
+    """How a word is shown: in the terminal's colours, and under the same name as a class of a page's style sheet."""
+
+    GOOD = "good"
+    BAD = "bad"
+    DOUBT = "doubt"
+    STRONG = "strong"
+
+    @property
+    def code(self) -> str:
+        """The parameters of the terminal's escape sequence ``ESC [ ... m``."""
+        return {Style.GOOD: "32", Style.BAD: "1;31", Style.DOUBT: "33", Style.STRONG: "1"}[self]
+
+
+Paint = Callable[[str, Style], str]
+"""(text, style) -> text."""
 
 
 def painter(colour: bool) -> Paint:
     """A painter with terminal colours, or one that leaves text as it is."""
 
-    def paint(text: str, style: str) -> str:
-        return f"\033[{_CODES[style]}m{text}\033[0m" if colour else text
+    def paint(text: str, style: Style) -> str:
+        return f"\033[{style.code}m{text}\033[0m" if colour else text
 
     return paint
 
@@ -78,15 +92,15 @@ def gains_line(gains: Gains, law: str) -> str:
     return text if law == "pd" else f"{text}, kf = {gains.K_f:.10g} m/s"
 
 
-def word(row: Row) -> tuple[str, str]:
+def word(row: Row) -> tuple[str, Style]:
     """PROVED, KEPT, BROKEN, UNDECIDED or (where nothing is required) INFO, and its style."""
     if row.required is None:
-        return "INFO", "strong"
+        return "INFO", Style.STRONG
     if row.status == "met":
-        return "PROVED" if row.basis == "proved" else "KEPT", "good"
+        return "PROVED" if row.basis == "proved" else "KEPT", Style.GOOD
     if row.status == "undecided":
-        return "UNDECIDED", "doubt"
-    return ("BROKEN", "bad") if not row.soft else ("broken*", "doubt")
+        return "UNDECIDED", Style.DOUBT
+    return ("BROKEN", Style.BAD) if not row.soft else ("broken*", Style.DOUBT)
 
 
 def ranked(rows: Sequence[Row]) -> list[Row]:

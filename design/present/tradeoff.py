@@ -11,13 +11,13 @@ from typing import Any
 from design.errors import BadInput
 from design.model.laws import Gains
 from design.present import plots, store
-from design.present.text import Paint, gains_line, number, table, wrapped
+from design.present.text import Paint, Style, gains_line, number, table, wrapped
 from design.spec.load import Source
 
 Facts = Mapping[str, Any]
 
 ENDINGS = {".html": "html", ".md": "md", ".json": "json", ".csv": "csv"}
-STYLES = {"complete": "good", "infeasible": "bad"}
+STYLES = {"complete": Style.GOOD, "infeasible": Style.BAD}
 
 
 def check(form: str, point: str | None, points: int, plot: str | None, output: str | None) -> str:
@@ -107,7 +107,7 @@ def as_text(source: Source, facts: Facts, paint: Paint) -> str:
     if facts["points"]:
         cells = rows(facts)
         lines += [*table(header(facts), cells, right=range(len(cells[0]) - 1)), ""]
-    lines.append(paint(facts["status"].upper(), STYLES.get(facts["status"], "doubt")))
+    lines.append(paint(facts["status"].upper(), STYLES.get(facts["status"], Style.DOUBT)))
     return "\n".join([*lines, *(line for said in findings(facts) for line in wrapped(said))]) + "\n"
 
 

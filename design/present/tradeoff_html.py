@@ -7,6 +7,7 @@ from importlib.resources import files
 from typing import Any
 
 from design.present import store, tradeoff
+from design.present.text import Style
 from design.present.tradeoff_plots import tradeoff_figure
 from design.spec.load import Source
 
@@ -24,7 +25,7 @@ def as_html(source: Source, facts: Mapping[str, Any]) -> str:
     return environment.from_string(page).render(
         title=title,
         source=source,
-        word=(facts["status"].upper(), tradeoff.STYLES.get(facts["status"], "doubt")),
+        word=(facts["status"].upper(), tradeoff.STYLES.get(facts["status"], Style.DOUBT)),
         findings=tradeoff.findings(facts),
         picture=Markup(svg(tradeoff_figure(facts, title))) if facts["points"] else "",
         header=tradeoff.header(facts),

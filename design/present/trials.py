@@ -10,7 +10,7 @@ from typing import Any
 from design.analysis.simulate import Trajectory
 from design.model.laws import Gains
 from design.present import plots, store
-from design.present.text import Paint, gains_line, number, short, table, wrapped
+from design.present.text import Paint, Style, gains_line, number, short, table, wrapped
 from design.spec.load import Source
 
 Facts = Mapping[str, Any]
@@ -54,7 +54,7 @@ def as_text(document: Facts, paint: Paint) -> str:
     whole = table(HEADER, [_cells(trial) for trial in trials], right=(0, 3, 4, 6, 7, 8, 9, 10))
     lines = [*wrapped(f"{document['spec']['name']}, law {document['law']}, {_gains(document)}"), "", whole[0]]
     for line, trial in zip(whole[1:], trials, strict=True):
-        lines.append(paint(line, "bad") if trial["lost_contact"] or trial["fallen_s"] is not None else line)
+        lines.append(paint(line, Style.BAD) if trial["lost_contact"] or trial["fallen_s"] is not None else line)
     lines += ["", *wrapped(LEGEND), *wrapped(f"The estimate is taken from {document['estimate_from']}."), ""]
     for sentence, style in findings(document):
         lines += [paint(line, style) if style else line for line in wrapped(sentence)]
@@ -85,23 +85,23 @@ def fixed(value: float | None, places: int) -> str:
     return text.removeprefix("-") if float(text) == 0 else text
 
 
-def findings(document: Facts) -> list[tuple[str, str]]:
-    """Sentences, each with a style (empty: none)."""
-    found: list[tuple[str, str]] = []
+def findings(document: Facts) -> list[tuple[str, Style | None]]:
+    """Sentences, each with a style, or None."""
+    found: list[tuple[str, Style | None]] = []
     if document["verdict"] == "undecided":
-        found.append((f"UNDECIDED: do not trust these numbers: {document['why']}.", "doubt"))
+        found.append((f"UNDECIDED: do not trust these numbers: {document['why']}.", Style.DOUBT))
     for place, series in enumerate(document["series"], 1):
         trials = [trial for trial in document["trials"] if trial["series"] == place]
         if series["second_over_first"]:
             found.append(_gain(trials[0]["scenario"], series))
         found += _ends(trials)
         found += _starts(trials)
-    found += [(each, "") for each in _survived(document["survives"])]
+    found += [(each, None) for each in _survived(document["survives"])]
     found.append(_contraction(document["contraction"]))
     return found
 
 
-def _gain(name: str, series: Facts) -> tuple[str, str]:
+def _gain(name: str, series: Facts) -> tuple[str, Style | None]:
     """What the second trial has over the first, in words, and the style."""
     (one, two, more), (slow, quick, sooner) = (
         series["second_over_first"][key] for key in ("contact_force_n", "settling_s")
@@ -118,7 +118,7 @@ def _gain(name: str, series: Facts) -> tuple[str, str]:
         else:
             text += f", and it settles {number(abs(sooner), 4)} s {'sooner' if sooner > 0 else 'later'}"
             text += f" ({number(quick, 4)} s, not {number(slow, 4)} s, {within})"
-    return text + ".", "good" if more >= SAME else "doubt" if more <= -SAME else ""
+    return text + ".", Style.GOOD if more >= SAME else Style.DOUBT if more <= -SAME else None
 
 
 def _lost(trial: Facts) -> str:
@@ -131,26 +131,26 @@ def _lost(trial: Facts) -> str:
     return " and ".join(parts)
 
 
-def _ends(trials: Iterable[Facts]) -> list[tuple[str, str]]:
+def _ends(trials: Iterable[Facts]) -> list[tuple[str, Style | None]]:
     """Ends that say little or nothing; what several trials of a scenario have in common is said of the first."""
-    found: dict[str, tuple[str, str]] = {}
+    found: dict[str, tuple[str, Style | None]] = {}
     for trial in trials:
         where = f"{trial['scenario']}, trial {trial['trial']}"
         if _lost(trial):
             found.setdefault(
-                f"{trial['scenario']} {_lost(trial)}", (f"{where}: {_lost(trial)}; its end is not used.", "bad")
+                f"{trial['scenario']} {_lost(trial)}", (f"{where}: {_lost(trial)}; its end is not used.", Style.BAD)
             )
         elif not trial["stationary"]:
             bound = f"{number(trial['fx_bound_n'], 3)} N and {number(trial['fy_bound_n'], 3)} N"
             why = trial["not_stationary_because"]
             text = f"{where} does not come to rest; its estimate may be off by {bound}: {why}."
-            found.setdefault(f"{trial['scenario']} {trial['start']}", (text, "doubt"))
+            found.setdefault(f"{trial['scenario']} {trial['start']}", (text, Style.DOUBT))
     return list(found.values())
 
 
-def _starts(trials: Sequence[Facts]) -> list[tuple[str, str]]:
+def _starts(trials: Sequence[Facts]) -> list[tuple[str, Style | None]]:
     """Starts from an estimate not made, or made in spite of toe and heel; once for each change of scenario."""
-    found: dict[tuple[str, str], tuple[str, str]] = {}
+    found: dict[tuple[str, str], tuple[str, Style | None]] = {}
     for before, trial in pairwise(trials):
         refused, change = trial["refused"], (before["scenario"], trial["scenario"])
         where = f"{trial['scenario']}, trial {trial['trial']}"
@@ -158,12 +158,12 @@ def _starts(trials: Sequence[Facts]) -> list[tuple[str, str]]:
         outcome = _lost(refused or trial) or "contact is kept"
         if trial["blindly"]:
             text = f"{where} starts from the estimate blindly: {trial['reason']}. There {outcome}; {least}."
-            found.setdefault(change, (text, "doubt"))
+            found.setdefault(change, (text, Style.DOUBT))
         elif refused:
             text = f"{where} starts as the spec says: {trial['reason']}. Started from the estimate, at"
             text += f" {fixed(refused['desired_angle_deg'], 2)} deg, {outcome}; {least} instead of"
             text += f" {number(trial['contact_force_n'])} N."
-            found.setdefault(change, (text, "doubt"))
+            found.setdefault(change, (text, Style.DOUBT))
     return list(found.values())
 
 
@@ -180,7 +180,7 @@ def _survived(survives: Iterable[Facts]) -> list[str]:
     return found
 
 
-def _contraction(found: Facts) -> tuple[str, str]:
+def _contraction(found: Facts) -> tuple[str, Style | None]:
     at, box, check = found["at"], found["box"], found["checked"]
     size = number(found["factor"], 3) if math.isfinite(found["factor"]) else "more than can be computed"
     left = f"a trial of {number(at['trial_s'], 4)} s leaves {size} of a small error in the start"
@@ -207,4 +207,4 @@ def _contraction(found: Facts) -> tuple[str, str]:
         text += f" {check['largest_difference_from_factor']:.1e} from the linear one."
     else:
         text += "the body falls."
-    return text, "good" if found["contracts"] else "bad"
+    return text, Style.GOOD if found["contracts"] else Style.BAD

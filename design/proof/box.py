@@ -105,7 +105,9 @@ def prove(
 
 
 def _case(setting: Setting, gains: Gains, name: str, scale: float) -> Case:
-    scenario, biped, tolerances = setting.scenario(name), setting.biped, setting.tolerances
+    scenario, tolerances = setting.scenario(name), setting.tolerances
+    setting = setting.under(scenario)
+    biped = setting.biped
     ramp = float(scenario.times[-1]) if scenario.kind in ("slope", "force") else 0.0
     final = float(scenario.signal[0, -1]) if scenario.kind == "slope" else 0.0
     values = (biped.M, biped.L, biped.I, biped.m, biped.ell, final, ramp)

@@ -119,7 +119,7 @@ def longer(case: Case) -> Case:
     if goes_on(scenario):
         return case
     F_x, F_y = scenario.force_at(np.array([scenario.duration]))[:, 0]
-    A, load = math.hypot(biped.M * biped.g - F_y, F_x), max(biped.weight - F_y, 1e-6 * biped.weight)
+    A, load = math.hypot(biped.M * biped.g - F_y, F_x), max(biped.load(F_y), 1e-6 * biped.weight)
     matrix = closed_loop_matrix(biped, case.kind, case.gains, A, load, case.adapt, case.believed)
     decay = -float(np.linalg.eigvals(matrix).real.max())
     if decay <= 0:

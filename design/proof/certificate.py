@@ -232,12 +232,14 @@ class _Scenario:
     def _case(self, box: world.Box) -> Case:
         """The part as the prover has it, for its norm."""
         middle = {name: float(value) for name, (value, _) in box.items()}
-        biped = replace(self.problem.biped, **{name: middle[name] for name in NAMES[:5]})
+        scenario = self.problem.scenario(self.proof.scenario)
+        M, L, I, m, ell = (middle[name] for name in NAMES[:5])
+        biped = replace(self.problem.under(scenario).biped, M=M, L=L, I=I, m=m, ell=ell)
         radii = [float(half) for _, half in box.values()]
         radii[5] = math.radians(radii[5])
         return Case(
             biped=biped, kind=self.problem.law, gains=self.its, theta_d=self.problem.theta_d,
-            scenario=self.problem.scenario(self.proof.scenario), radii=tuple(radii), step=self.problem.step,
+            scenario=scenario, radii=tuple(radii), step=self.problem.step,
         )  # fmt: skip
 
     def _after(self, case: Case, box: world.Box) -> float:

@@ -109,7 +109,10 @@ class Equations:
         tau = self._torque(x)
         moment, stiffness = (p["L"] * each for each in world.moments(x[0], sine, cosine))
         turning = p["1/I"] * (moment + tau)
-        load = p["m"] * p["g"] + world.down - p["M"] * p["L"] * (turning * sine + x[1] * x[1] * cosine)  # (5)-(7)
+        foot = p["m"] * p["g"]
+        if self.case.biped.ground_loads and world.slope is not None:
+            foot = foot * sine_and_cosine(world.slope)[1]
+        load = foot + world.down - p["M"] * p["L"] * (turning * sine + x[1] * x[1] * cosine)  # (5)-(7)
         flow = [x[1], turning]
         if self.case.kind == "cop":  # (18), (20): s' = -P
             if not (load.bounds()[0] > 0).all():

@@ -133,7 +133,7 @@ def _root(square: Fraction) -> tuple[Fraction, Fraction]:
     return Fraction(below, DIGITS), Fraction(below + 1, DIGITS)
 
 
-def loads(bodies: Body, scenario: Scenario, slope: Range) -> Range:
+def loads(bodies: Body, scenario: Scenario, slope: Range, *, ground_loads: bool) -> Range:
     """The range of F_T + F_H at rest [N], anywhere along the scenario; ``slope`` is the final one [rad]."""
     foot, weight = bodies.m * bodies.g, bodies.M * bodies.g
     if scenario.kind == "platform":
@@ -142,7 +142,8 @@ def loads(bodies: Body, scenario: Scenario, slope: Range) -> Range:
         down = [around(force) for force in scenario.signal[1].tolist()]
         return foot + weight - Range(min(each.low for each in down), max(each.high for each in down))
     farthest = max(abs(slope.low), abs(slope.high), *(abs(decimal(part)) for part in scenario.signal[0].tolist()))
-    return foot + weight * Range(_cosine(Fraction(math.ceil(farthest * DIGITS), DIGITS)), Fraction(1))
+    lowered = Range(_cosine(Fraction(math.ceil(farthest * DIGITS), DIGITS)), Fraction(1))
+    return (foot + weight) * lowered if ground_loads else foot + weight * lowered
 
 
 def _cosine(x: Fraction) -> Fraction:

@@ -106,8 +106,8 @@ def _unbroken(setting: Setting, gains: Gains, name: str, say: Callable[[str], No
         if any(width >= value for width, value in zip(widths, values, strict=True)):
             return False
         toe, heel = least_forces(
-            setting.biped, setting.law, gains, scenario, tolerances, points, step=max(setting.step, 2e-3),
-            theta_d=setting.theta_d, adapt=setting.adapt, known=setting.known,
+            setting.under(scenario).biped, setting.law, gains, scenario, tolerances, points,
+            step=max(setting.step, 2e-3), theta_d=setting.theta_d, adapt=setting.adapt, known=setting.known,
         )  # fmt: skip
         return bool(min(toe.min(), heel.min()) >= level)
 

@@ -35,7 +35,7 @@ def numbers(case: Case) -> Numbers:
     scenario = case.scenario
     bodies = body(case.biped, case.radii)
     final = around(float(scenario.signal[0, -1]), case.radii[5])
-    AL, load = sizes(bodies, scenario) * bodies.L, loads(bodies, scenario, final)
+    AL, load = sizes(bodies, scenario) * bodies.L, loads(bodies, scenario, final, ground_loads=case.biped.ground_loads)
     return Numbers(I=_shorter(bodies.I), ell=_shorter(bodies.ell), AL=_shorter(AL), load=_shorter(load))
 
 

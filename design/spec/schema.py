@@ -19,6 +19,8 @@ SCHEMA_VERSION = 1
 
 MAX_STEPS = 2_000_000
 """The largest number of integration steps of one scenario."""
+MAX_TOTAL_STEPS = 20_000_000
+"""The largest number of integration steps of all scenarios together; each is kept in memory while it is judged."""
 
 
 class BodyTable(Table):
@@ -48,6 +50,11 @@ class FootTable(Table):
         default=None, ge=1e-4, le=10, description="the distance from the ankle to the heel [m]"
     )
     ankle_height_m: Number = Field(default=0.0, ge=0, le=10, description="height of the ankle above the ground [m]")
+    ground_loads: bool = Field(
+        default=False,
+        strict=True,
+        description="whether slopes load the foot as well: it weighs m g cos α there; false: m g, as in (5) and (6)",
+    )
 
     @model_validator(mode="after")
     def _one_length(self) -> FootTable:
@@ -297,6 +304,13 @@ class Spec(Table):
             message = (
                 f"law.cop_target_m = {self.law.cop_target_m:g} is not within the foot; needs more than {-heel:g} (the"
                 f" heel) and less than {toe:g} (the toe)"
+            )
+            raise ValueError(message)
+        total = sum(scenario.duration_s for scenario in self.scenarios) / self.simulation.time_step_s
+        if total > MAX_TOTAL_STEPS:
+            message = (
+                f"scenarios need {total:.3g} steps of simulation.time_step_s together; at most {MAX_TOTAL_STEPS:,};"
+                " shorten or split the spec, or lengthen the step"
             )
             raise ValueError(message)
         for index, scenario in enumerate(self.scenarios):

@@ -38,7 +38,8 @@ class Setting:
     ``tolerances``. ``bounds`` (3, 2): lower and upper (K_p, K_d, K_f), or None. ``step`` is the Runge-Kutta step [s].
     ``adapt``: the time [s] within which theta_d follows the estimated posture, infinite where it is fixed. ``known``:
     the body that the law reckons with, where ``biped`` is another. ``target``: where the CoP is to come to rest, P_d
-    [m].
+    [m]. ``ground_loads``: slopes load the foot as well (``Biped.ground_loads``, ``under``). ``fixed_weights``: the keys
+    of [mpc] that the spec writes, which a study does not tune.
     """
 
     name: str
@@ -61,10 +62,37 @@ class Setting:
     known: Biped | None = None
     target: float = 0.0
     written: tuple[float | None, float | None, float | None] = (None, None, None)
+    ground_loads: bool = False
+    fixed_weights: frozenset[str] = frozenset()
 
     def loop(self) -> ClosedLoop:
         """The closed loop with the gains left open."""
         return closed_loop(self.biped, self.law, self.theta_d, self.adapt, self.known, self.target)
+
+    def under(self, scenario: Scenario) -> Setting:
+        """The setting with the foot as it is loaded in ``scenario``: also by the field, where the spec counts that."""
+        return self.in_a_field() if scenario.field else self
+
+    def in_a_field(self) -> Setting:
+        """The setting with the foot as it is loaded on a slope or a moving floor."""
+        if not self.ground_loads or self.biped.ground_loads:
+            return self
+        known = None if self.known is None else replace(self.known, ground_loads=True)
+        return replace(self, biped=replace(self.biped, ground_loads=True), known=known)
+
+    def throughout(self, what: str) -> Setting:
+        """The setting with one foot for all scenarios; raises ``BadInput`` where ``what`` has no such."""
+        fields = {scenario.field for scenario in self.scenarios}
+        if self.ground_loads and len(fields) > 1:
+            message = f"is true, and only some scenarios are slopes or floors; {what} needs all or none to be"
+            raise BadInput(message, key="foot.ground_loads")
+        return self.in_a_field() if fields == {True} else self
+
+    def must_not_load_the_foot(self, what: str) -> None:
+        """Raise ``BadInput`` where slopes load the foot: ``what`` is for the paper's (5) and (6)."""
+        if self.ground_loads:
+            message = f"is true; {what} is for the paper's contact forces (5) and (6): leave it out"
+            raise BadInput(message, key="foot.ground_loads")
 
     def felt(self, gains: Gains) -> Gains:
         """The gains as they act on this body: law (20) has a factor (M + m) g of the body that it knows."""
@@ -74,8 +102,9 @@ class Setting:
 
     def places(self, scenario: Scenario) -> list[Place]:
         """The environments of ``scenario`` that decide the linear stability of the loop."""
-        F = scenario.operating_forces(self.biped)
-        return deciding_places(self.biped, self.law, F, self.adapt, self.target)
+        biped = self.under(scenario).biped
+        F = scenario.operating_forces(biped)
+        return deciding_places(biped, self.law, F, self.adapt, self.target)
 
     @property
     def plain(self) -> bool:
@@ -161,6 +190,7 @@ def setting(spec: Spec) -> Setting:
         theta_d=math.radians(spec.law.desired_angle_deg),
         adapt=math.inf if spec.law.adapt_s is None else spec.law.adapt_s,
         target=spec.law.cop_target_m,
+        ground_loads=foot.ground_loads,
         gains=_usable(written, spec.law.kind),
         written=written,
         required=_required(spec.requirements),
@@ -170,6 +200,7 @@ def setting(spec: Spec) -> Setting:
         bounds=None if bounds is None else np.array([bounds.kp, bounds.kd, bounds.kf or [np.nan] * 2], dtype=float),
         step=spec.simulation.time_step_s,
         tuning=_tuning(spec.mpc),
+        fixed_weights=frozenset(spec.mpc.model_fields_set),
         sensors=_sensors(spec.noise),
         tolerances=_tolerances(spec.uncertainty, biped),
         study=spec.study,

@@ -12,7 +12,7 @@ from design.spec.fields import Number, Table
 
 ControllerName = Literal[
     "pd", "force", "cop", "pd-synthesized", "force-synthesized", "cop-synthesized",
-    "mpc", "nmpc", "mpc-oracle", "mpc-preview",
+    "lqr", "mpc", "nmpc", "mpc-oracle", "mpc-preview",
 ]  # fmt: skip
 Weight = Annotated[Number, Field(ge=0, le=1e6)]
 Deviation = Annotated[Number, Field(ge=0, le=1e6)]
@@ -23,13 +23,18 @@ class MpcTable(Table):
 
     step_s: Number = Field(default=0.02, ge=1e-4, le=1.0, description="step of the prediction [s]")
     horizon: int = Field(default=50, ge=2, le=1000, description="number of steps that are predicted")
-    rate_weight: Weight = Field(default=0.02, description="weight of (ω/Ω)², Ω² = A L/I; the angle's is 1")
-    torque_weight: Annotated[Number, Field(ge=1e-9, le=1e6)] = Field(default=0.0135, description="weight of (τ/(A L))²")
+    rate_weight: Weight = Field(
+        default=0.02, description="weight of (ω/Ω)², Ω² = A L/I; the angle's is 1 (left out: a study tunes it)"
+    )
+    torque_weight: Annotated[Number, Field(ge=1e-9, le=1e6)] = Field(
+        default=0.0135, description="weight of (τ/(A L))² (left out: a study tunes it)"
+    )
     contact_margin_percent: Number = Field(
         default=1.0, ge=0, le=100, description="toe and heel force planned above what is required [% of the weight]"
     )
     preview_torque_weight: Annotated[Number, Field(ge=1e-9, le=1e6)] = Field(
-        default=100.0, description="torque_weight of mpc-preview: who sees the future need not hurry"
+        default=100.0,
+        description="torque_weight of mpc-preview: who sees the future need not hurry (left out: a study tunes it)",
     )
     force_walk_percent_per_sqrt_s: Annotated[Number, Field(gt=0, le=1e4)] = Field(
         default=1.0, description="how fast the observer lets the external force change [% of the weight per √s]"

@@ -1,4 +1,4 @@
-"""The controllers of a study, built from their names: the paper's laws, and predictive ones that know more or less."""
+"""The controllers of a study, built from their names: the paper's laws, clipped LQR, and predictive controllers."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from design.model.environment import Scenario
 from design.model.laws import AdaptingLaw, Controller, Gains, LawKind, SampledLaw
 from design.model.limits import Required
 from design.spec.setting import Setting
+from problems.lqr import ClippedLqr
 from problems.mpc_linear import LinearPlanner
 from problems.prediction import Horizon, horizon, posture
 from problems.receding import Planner, Receding
@@ -27,7 +28,8 @@ SYNTHESIZED: dict[str, LawKind] = {f"{name}-synthesized": kind for name, kind in
 PREDICTIVE = ("mpc", "nmpc", "mpc-oracle", "mpc-preview")
 ROOM = 0.08
 """What a prediction keeps to move in: part of the weight at each end of the foot; for the CoP and friction likewise."""
-NAMES = (*LAWS, *SYNTHESIZED, *PREDICTIVE)
+LQR = "lqr"
+NAMES = (*LAWS, *SYNTHESIZED, LQR, *PREDICTIVE)
 
 
 def actuator(setting: Setting) -> Actuator:
@@ -68,7 +70,7 @@ def controller(name: str, setting: Setting, gains: Gains | None, scenario: Scena
     )
     return Receding(
         biped=setting.biped,
-        planner=_planner(name == "nmpc", prediction(setting, preview=name == "mpc-preview")),
+        planner=_planner(name, prediction(setting, preview=name == "mpc-preview")),
         informant=informant,
         actuator=ankle,
         feedback=_lqr(setting),
@@ -84,7 +86,11 @@ def prediction(setting: Setting, *, preview: bool = False) -> Horizon:
     tuning = setting.tuning
     if preview:
         tuning = replace(tuning, torque=tuning.preview_torque)
-    return horizon(setting.biped, tuning, actuator(setting), {**setting.required, **eased(setting)}, setting.target)
+    required = {**setting.required, **eased(setting)}
+    return horizon(
+        setting.biped, tuning, actuator(setting), required, setting.target,
+        field=any(scenario.field for scenario in setting.scenarios),
+    )  # fmt: skip
 
 
 def eased(setting: Setting) -> dict[str, Required]:
@@ -97,12 +103,14 @@ def eased(setting: Setting) -> dict[str, Required]:
     biped, found = setting.biped, {}
     points = [scenario.force_at(np.append(scenario.times, scenario.duration)) for scenario in setting.scenarios]
     F_x, F_y = np.concatenate(points, axis=1)
+    share = biped.foot_share if any(scenario.field for scenario in setting.scenarios) else 0.0
+    pressed = np.maximum(biped.weight - (1 + share) * F_y, 1e-9 * biped.weight)
     down = np.maximum(biped.weight - F_y, 1e-9 * biped.weight)
     near = min(biped.toe - setting.target, biped.heel + setting.target)
     limits = {
         "contact-force": float(near / (2 * biped.ell) * down.min() - ROOM * biped.weight),
         "cop-margin": (1 - 2.5 * ROOM) * near,
-        "friction": float((np.abs(F_x) / down).max() + 0.5 * ROOM),
+        "friction": float(((1 + share) * np.abs(F_x) / pressed).max() + 0.5 * ROOM),
     }
     for row, limit in limits.items():
         asked = setting.required.get(row)
@@ -118,8 +126,10 @@ def _lqr(setting: Setting) -> tuple[float, float]:
     return float(upright.K[0]), float(upright.K[1])
 
 
-def _planner(nonlinear: bool, ahead: Horizon) -> Planner:
-    if nonlinear:
+def _planner(name: str, ahead: Horizon) -> Planner:
+    if name == LQR:
+        return ClippedLqr(horizon=ahead)
+    if name == "nmpc":
         from problems.mpc_nonlinear import planner
 
         return planner(ahead)

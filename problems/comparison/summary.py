@@ -24,8 +24,9 @@ PAIRED = {
 """Measures that are compared in pairs, and their units."""
 CONFIDENCE = 0.95
 RESAMPLES = 4000
+LOST = ("lost", "fallen")
 FEW = 10
-"""Pairs below which the bootstrap covers too seldom, and Student's t is taken."""
+"""Draws below which the bootstrap covers too seldom, and Student's t is taken."""
 
 
 def summary(rows: Sequence[Row], reference: str | None, *, repeated: bool = False) -> dict[str, Any]:
@@ -51,7 +52,12 @@ def _controller(rows: Sequence[Row]) -> dict[str, Any]:
     times = [row["seconds"] for row in through if row.get("seconds")]
     return {
         "trials": len(trials),
-        "lost": sum(row["status"] in ("lost", "fallen") for row in trials),
+        "lost": sum(row["status"] in LOST for row in trials),
+        "lost_in": {
+            scenario: count
+            for scenario in dict.fromkeys(row["scenario"] for row in trials)
+            if (count := sum(row["status"] in LOST for row in trials if row["scenario"] == scenario))
+        },
         "failed": sum(row["status"] in ("failed", "crashed") for row in trials),
         "contact_force_n": {"min": _or_none(worst, np.min), "median": _or_none(worst, np.median)},
         **{name: _or_none(_values(through, name), np.median) for name in PAIRED if name != "contact_force_n"},
@@ -75,10 +81,11 @@ def _controller(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def against(rows: Sequence[Row], name: str, reference: str) -> dict[str, Any]:
-    """Differences ``name`` - ``reference`` over the trials that both have: mean, 95 % interval, number of pairs.
+    """Differences ``name`` - ``reference`` by measure: ``interval`` over all scenarios, and of each ``by_scenario``.
 
-    The smallest contact force counts in every pair (a lost trial has what it had when it ended); the other measures
-    only where both kept contact to the end. ``lost`` is the difference of the shares of trials that lost contact.
+    A pair is one draw in one scenario that both controllers have. ``lost`` is 1 for a trial that lost contact, else 0.
+    Lost trials and the smallest contact force count in every pair (a lost trial has what it had when it ended); the
+    other measures only where both kept contact to the end.
     """
     ours, theirs = (
         {
@@ -88,42 +95,94 @@ def against(rows: Sequence[Row], name: str, reference: str) -> dict[str, Any]:
         }
         for who in (name, reference)
     )
-    pairs = [(ours[key], theirs[key]) for key in sorted(ours.keys() & theirs.keys())]
+    keys = sorted(ours.keys() & theirs.keys())
+    scenarios = list(dict.fromkeys(row["scenario"] for row in rows if row["trial"] is not None))
+    draws = sorted({trial for _, trial in keys})
     found = {}
-    for measure in PAIRED:
-        of = [pair for pair in pairs if measure == "contact_force_n" or all(row["status"] == "kept" for row in pair)]
-        both = [(a.get(measure), b.get(measure)) for a, b in of]
-        found[measure] = interval(np.array([a - b for a, b in both if a is not None and b is not None], dtype=float))
-    lost = [(a["status"] in ("lost", "fallen")) - (b["status"] in ("lost", "fallen")) for a, b in pairs]
-    found["lost"] = interval(np.array(lost, dtype=float))
+    for measure in ("lost", *PAIRED):
+        table = np.full((len(draws), len(scenarios)), np.nan)
+        for scenario, trial in keys:
+            difference = _difference(measure, ours[scenario, trial], theirs[scenario, trial])
+            table[draws.index(trial), scenarios.index(scenario)] = np.nan if difference is None else difference
+        found[measure] = {
+            **interval(table),
+            "by_scenario": {scenario: interval(table[:, [k]]) for k, scenario in enumerate(scenarios)},
+        }
     return found
 
 
-def interval(differences: Array) -> dict[str, Any]:
-    """Mean of ``differences`` (n,) and its 95 % interval: bootstrap (BCa), below ``FEW`` pairs Student's t.
+def _difference(measure: str, ours: Row, theirs: Row) -> float | None:
+    """One pair's difference; None where one of the two has no such value."""
+    if measure == "lost":
+        return float((ours["status"] in LOST) - (theirs["status"] in LOST))
+    if measure != "contact_force_n" and not ours["status"] == theirs["status"] == "kept":
+        return None
+    a, b = ours.get(measure), theirs.get(measure)
+    return None if a is None or b is None else float(a - b)
 
-    Low and high are None where there are fewer than three pairs, or where all are the same and have no spread to tell
-    the uncertainty from.
+
+def interval(table: Array) -> dict[str, Any]:
+    """The mean over scenarios of paired differences, and its 95 % interval.
+
+    ``table`` (draws, scenarios) holds a difference in each cell, NaN where there is no pair; (draws,) is one scenario.
+    Scenarios are strata: fixed, each with the same weight, and no further pairs. The mean is that of the scenarios'
+    means. Draws are resampled whole, by a bootstrap (BCa); below ``FEW`` draws the interval is Student's t by
+    linearisation. Low and high are None where a scenario has fewer than three draws, or where all differences of each
+    are the same and have no spread to tell the uncertainty from. ``pairs`` counts draws, ``scenarios`` those that have
+    a pair.
     """
-    n = len(differences)
+    table = np.asarray(table, dtype=float)
+    table = table[:, np.newaxis] if table.ndim == 1 else table
+    table = table[:, np.isfinite(table).any(axis=0)]
+    table = table[np.isfinite(table).any(axis=1)]
+    n, strata = table.shape if table.size else (0, 0)
     if n == 0:
-        return {"mean": None, "low": None, "high": None, "pairs": 0}
-    mean = float(differences.mean())
-    if n < 3 or float(np.ptp(differences)) <= 1e-9 * max(1.0, abs(mean)):
-        return {"mean": mean, "low": None, "high": None, "pairs": n}
-    from scipy.stats import bootstrap, t
+        return {"mean": None, "low": None, "high": None, "pairs": 0, "scenarios": 0}
+    counts = np.isfinite(table).sum(axis=0)
+    means = np.nanmean(table, axis=0)
+    mean = float(means.mean())
+    spread = float((np.nanmax(table, axis=0) - np.nanmin(table, axis=0)).max())
+    if counts.min() < 3 or spread <= 1e-9 * max(1.0, float(np.abs(means).max())):
+        return {"mean": mean, "low": None, "high": None, "pairs": n, "scenarios": strata}
+    low, high = (_bootstrap if n >= FEW else _student)(table, mean)
+    finite = bool(np.isfinite([low, high]).all())
+    return {
+        "mean": mean,
+        "low": low if finite else None,
+        "high": high if finite else None,
+        "pairs": n,
+        "scenarios": strata,
+    }
 
-    if n < FEW:
-        half = float(t.ppf(0.5 + CONFIDENCE / 2, n - 1) * differences.std(ddof=1) / math.sqrt(n))
-        return {"mean": mean, "low": mean - half, "high": mean + half, "pairs": n}
+
+def _student(table: Array, mean: float) -> tuple[float, float]:
+    """Student's t of each draw's influence on the mean; with every pair there, that of the draws' averages."""
+    from scipy.stats import t
+
+    n, strata = table.shape
+    counts = np.isfinite(table).sum(axis=0)
+    influence = np.nansum((table - np.nanmean(table, axis=0)) * (n / (counts * strata)), axis=1)
+    half = float(t.ppf(0.5 + CONFIDENCE / 2, counts.min() - 1)) * math.sqrt(float((influence**2).sum()) / (n * (n - 1)))
+    return mean - half, mean + half
+
+
+def _bootstrap(table: Array, mean: float) -> tuple[float, float]:
+    """The bootstrap of whole draws (BCa), and Student's t where a resample leaves a scenario without a pair."""
+    from scipy.stats import bootstrap
+
+    def statistic(chosen: Array, axis: int = -1) -> Array:
+        sampled = table[np.moveaxis(chosen, axis, -1)]
+        there = np.isfinite(sampled)
+        means = np.where(there, sampled, 0.0).sum(axis=-2) / there.sum(axis=-2)
+        return np.asarray(means.mean(axis=-1))
+
     with np.errstate(all="ignore"):
         found = bootstrap(
-            (differences,), np.mean, n_resamples=RESAMPLES, confidence_level=CONFIDENCE, method="BCa",
+            (np.arange(len(table)),), statistic, n_resamples=RESAMPLES, confidence_level=CONFIDENCE, method="BCa",
             rng=np.random.default_rng(0), vectorized=True,
         ).confidence_interval  # fmt: skip
-    low, high = float(found.low), float(found.high)
-    finite = bool(np.isfinite([low, high]).all())
-    return {"mean": mean, "low": low if finite else None, "high": high if finite else None, "pairs": n}
+    ends = float(found.low), float(found.high)
+    return ends if np.isfinite(ends).all() else _student(table, mean)
 
 
 def _values(rows: Sequence[Row], name: str) -> list[float]:

@@ -103,8 +103,9 @@ def _doubt(question: Question, goal: Goal, gains: Gains, verdict: Verdict) -> st
     setting = question.setting
     for scenario in setting.scenarios:
         opinion = second_opinion(
-            setting.biped, setting.law, setting.theta_d, gains, scenario, setting.step, setting.adapt, setting.target
-        )
+            setting.under(scenario).biped, setting.law, setting.theta_d, gains, scenario, setting.step, setting.adapt,
+            setting.target,
+        )  # fmt: skip
         if not opinion.finished:
             return f"In scenario {scenario.name!r} the second integrator does not reach the end."
         rows = {row.id: row for row in verdict.rows if row.scenario == scenario.name}
@@ -155,9 +156,9 @@ def _along(grid: Grid, gains: Gains, verdict: Verdict, value: float) -> list[Act
     if not any(question.asks(goal, id) for id in PATHS):
         return []
     margins = grid.margins(Point(gains=gains, v=goal.v(value)))
-    found = []
-    for case, names, rows, steps in zip(grid.cases, grid.names(), margins or (), grid.samples, strict=False):
-        for id in PATHS if case.loop is grid.cases[0].loop else ():
+    found, own_cases = [], grid.cases[: len(question.setting.scenarios)]  # those of other bodies come after
+    for case, names, rows, steps in zip(own_cases, grid.names(), margins or (), grid.samples, strict=False):
+        for id in PATHS:
             own = rows[[name == id for name in names]]
             row = next((row for row in verdict.rows if (row.id, row.scenario) == (id, case.name)), None)
             # a settling time that is made short is that of a sample, and so held to within a step

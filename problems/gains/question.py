@@ -98,8 +98,7 @@ class Question:
         biped = setting.biped
         self.pace: float = float(np.sqrt(max(self.upper[0], 1e-9) / biped.I))
         """A typical frequency of the loop [1/s], the scale of decay rates."""
-        self._loops = [world.loop() for world in self.worlds]
-        self.limits: list[Limit] = limits(self._loops[0].plant, setting.required)
+        self.limits: list[Limit] = limits(setting.loop().plant, setting.required)
         self.environments: list[Environment] = [each for world in self.worlds for each in environments(world)]
 
     def level(self, id: str) -> float | None:
@@ -163,29 +162,32 @@ class Question:
     def cases(self, goal: Goal) -> list[Case]:
         """Every body in every scenario, and under the disturbances that it must survive, or that are to be large."""
         found = []
-        for world, loop in zip(self.worlds, self._loops, strict=True):
-            own = self._limits(loop, world.required)
-            rate = self._rate(loop) if self.asks(goal, "torque-rate") else None
-            settled = self.level("settling")
+        settled = self.level("settling")
+        for world in self.worlds:
+            loops = {False: world.loop(), True: world.in_a_field().loop()}
+            own = {field: self._limits(loop, world.required, field=field) for field, loop in loops.items()}
+            rates = {field: self._rate(loop) for field, loop in loops.items()}
             found += [
                 Case(
-                    name=scenario.name, loop=loop, limits=own, scenario=scenario, rate=rate,
-                    marks=() if settled is None else (scenario.steady_from + settled,),
+                    name=each.name, loop=loops[each.field], limits=own[each.field], scenario=each,
+                    rate=rates[each.field] if self.asks(goal, "torque-rate") else None,
+                    marks=() if settled is None else (each.steady_from + settled,),
                 )
-                for scenario in world.scenarios
+                for each in world.scenarios
             ]  # fmt: skip
-            bare = self._limits(loop, {})
             watched = slope(world.biped, name="", angle=0.1, ramp=0.0, duration=HORIZON)
             for kind in SURVIVALS:
+                loop = loops[kind == "step-slope"]
                 for side in (1.0, -1.0) if lopsided(loop) else (1.0,):
                     sized = self._sized(kind, goal, side)
                     if sized is not None:
+                        bare = self._limits(loop, {}, field=False)
                         found.append(Case(name=kind, loop=loop, limits=bare, scenario=watched, sized=sized))
         return found
 
-    def _limits(self, loop: ClosedLoop, required: dict[str, Required]) -> tuple[Limit, ...]:
+    def _limits(self, loop: ClosedLoop, required: dict[str, Required], *, field: bool) -> tuple[Limit, ...]:
         scales = {limit.id: limit.scale for limit in self.limits}
-        return tuple(replace(limit, scale=scales[limit.id]) for limit in limits(loop.plant, required))
+        return tuple(replace(limit, scale=scales[limit.id]) for limit in limits(loop.plant, required, field=field))
 
     def _rate(self, loop: ClosedLoop) -> Limit:
         z, F, K = ca.SX.sym("z", loop.size), ca.SX.sym("F", 2), ca.SX.sym("K", 3)
@@ -253,20 +255,26 @@ def environments(world: Setting) -> list[Environment]:
     """The environments that decide the linear stability of one body over its scenarios."""
     known = world.known is not None and world.known != world.biped
     if known and (world.law == "cop" or np.isfinite(world.adapt) or not world.plain):
-        forces = np.unique(
-            np.concatenate([scenario.operating_forces(world.biped) for scenario in world.scenarios], axis=1), axis=1
-        )
+        forces = np.unique(np.concatenate([_marked(scenario, world) for scenario in world.scenarios], axis=1), axis=1)
         some = sorted({int(k) for k in np.linspace(0, forces.shape[1] - 1, KNOWN)})
+        bodies = {0.0: world, 1.0: world.in_a_field()}
         return [
-            Environment(world=world, place=place, affine=polynomial_map(world.loop(), *map(float, forces[:, k])))
+            Environment(world=world, place=place, affine=polynomial_map(body.loop(), *map(float, forces[:2, k])))
             for k in some
-            for place in standing(world.biped, forces[:, [k]], world.target).places
+            for body in [bodies[float(forces[2, k])]]
+            for place in standing(body.biped, forces[:2, [k]], world.target).places
         ]
     found: list[Place] = []
     for place in (place for scenario in world.scenarios for place in world.places(scenario)):
         if not any(np.allclose(place, other, rtol=1e-11, atol=0.0) for other in found):  # the same but for rounding
             found.append(place)
     return [Environment(world=world, place=place) for place in found]
+
+
+def _marked(scenario: Scenario, world: Setting) -> Array:
+    """The forces (2, j) of the scenario, and below them 1 where they load the foot too, else 0."""
+    F = scenario.operating_forces(world.biped)
+    return np.vstack([F, np.full(F.shape[1], float(world.ground_loads and scenario.field))])
 
 
 def question_decay(question: Question, K: Array) -> float:

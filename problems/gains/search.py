@@ -54,7 +54,7 @@ def solve(
     goal = question.goal(setting.objective)
     stand_in = obstacles(setting)
     if stand_in:
-        return Answer(outcome=Outcome(status=Status.INFEASIBLE, detail=str(stand_in[0])))
+        return Answer(outcome=Outcome(status=Status.INFEASIBLE, detail=str(stand_in[0])), obstacle=stand_in[0])
     deadline = time.monotonic() + seconds
     threading.Thread(target=load_integrator, daemon=True).start()  # takes as long as a start, on the other core
     coarse = Grid(question, question.coarse_step, goal)

@@ -98,8 +98,11 @@ def _closer(grid: Grid, points: Array, merit: Array) -> Array:
 
 def _survived(grid: Grid, kind: str, gains: Gains) -> float:
     """The largest disturbance survived, in the unit of its row, by the worst body."""
-    find = step_slope if kind == "step-slope" else push
-    worst = min(find(world.loop(), gains, grid.step).survived for world in grid.question.worlds)
+    worlds = grid.question.worlds
+    if kind == "step-slope":
+        worst = min(step_slope(world.in_a_field().loop(), gains, grid.step).survived for world in worlds)
+    else:
+        worst = min(push(world.loop(), gains, grid.step).survived for world in worlds)
     return math.degrees(worst) if kind == "step-slope" else worst
 
 

@@ -78,6 +78,7 @@ def solve(setting: Setting, scenario: Scenario, gains: Gains, *, alpha: float | 
     ``alpha`` [1/s]: the decay rate asked of V; ``SHARE`` of the linear loop's if left out.
     """
     setting.must_be_plain("a region")
+    setting.must_not_load_the_foot("a region")
     loop = posed(setting, scenario, gains)
     decay = -float(np.linalg.eigvals(middle(loop.vertices(Fraction(1, 1000))[0])).real.max())
     if not decay > 0:

@@ -77,9 +77,8 @@ def runs(
 ) -> Extremes:  # fmt: skip
     """The runs of many bodies of the box through one scenario; with ``paths``, how they come to their final posture."""
     return extremes(
-        setting.biped, setting.law, gains, scenario, setting.tolerances, shares, step=step, theta_d=setting.theta_d,
-        target=setting.target, adapt=setting.adapt, impulse=impulse,
-        paths=paths,
+        setting.under(scenario).biped, setting.law, gains, scenario, setting.tolerances, shares, step=step,
+        theta_d=setting.theta_d, target=setting.target, adapt=setting.adapt, impulse=impulse, paths=paths,
     )  # fmt: skip
 
 
@@ -246,9 +245,9 @@ def _survivals(question: Question, goal: Goal, gains: Gains, v: float, points: A
             find = step_slope if kind == "step-slope" else push
             looked = points[: 1 + FEW]
             unit = math.pi / 180 if kind == "step-slope" else 1.0
+            foot = setting.in_a_field() if kind == "step-slope" else setting
             its = [
-                find(world(setting, shares.tolist()).loop(), gains, step).survived / unit / size - 1
-                for shares in looked
+                find(world(foot, shares.tolist()).loop(), gains, step).survived / unit / size - 1 for shares in looked
             ]
             at, margin = looked[int(np.argmin(its))], float(min(its))
         found.append(Weak(id=kind, scenario=None, shares=tuple(at.tolist()), margin=margin))

@@ -43,6 +43,7 @@ def conduct(
 ) -> Found:
     """Run ``trials`` of every scenario, or one, or one trial of each in the ``sequence``; raises ``BadInput``."""
     setting.must_be_plain("the start of a next trial")
+    setting.must_not_load_the_foot("the start of a next trial")
     gains = setting.given_gains()
     seed = setting.study.seed if seed is None else seed
     planned = plans(setting, trials, scenario, sequence)

@@ -43,7 +43,7 @@ ALLOWED = {  # which of our packages a file of each may import
     "design/spec": {"design/spec", "design/model", "design"},
     "design/solvers": {"design/solvers", "design"},
     "design/model": {"design/model", "design"},
-    "design": set(),
+    "design": {"design"},  # its errors
 }
 DOORS = {
     "ezc3d": {"design/recordings/binary.py"},
@@ -109,7 +109,7 @@ def test_only_the_solver_door_calls_ipopt():
 def test_the_command_line_is_thin():
     """A command declares its options, calls one function, prints, and ends."""
     text = (ROOT / "cli.py").read_text(encoding="utf-8")
-    assert len(text.splitlines()) < 400
+    assert len(text.splitlines()) < 32 * text.count("@app.command")  # mostly declarations of options
     for function in ast.walk(ast.parse(text)):
         if isinstance(function, ast.FunctionDef) and any(
             "command" in ast.dump(each) for each in function.decorator_list

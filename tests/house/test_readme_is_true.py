@@ -78,15 +78,19 @@ def test_the_study_of_the_readme_is_what_a_study_finds():
     source = load("slope")
     problem = setting(source.spec)
     problem = replace(problem, study=problem.study.model_copy(update={"trials": 1}))
-    found = facts(conduct(source, problem, ["force", "force-synthesized", "mpc"], jobs=2), problem)["controllers"]
+    found = facts(conduct(source, problem, ["force", "force-synthesized", "lqr", "mpc"], jobs=2), problem)[
+        "controllers"
+    ]
     text = " ".join(README.split())
     forces = [f"{found[name]['contact_force_n']['min']:.1f} N" for name in ("mpc", "force")]
-    slopes = [f"{100 * found[name]['step_slope_share']:.1f} %" for name in ("mpc", "force", "force-synthesized")]
-    pushes = [f"{100 * found[name]['push_share']:.1f} %" for name in ("mpc", "force", "force-synthesized")]
+    slopes = [f"{100 * found[name]['step_slope_share']:.1f} %" for name in ("mpc", "force", "force-synthesized", "lqr")]
+    pushes = [f"{100 * found[name]['push_share']:.1f} %" for name in ("mpc", "force", "force-synthesized", "lqr")]
     assert "the MPC keeps {} under toe and heel, the paper's gains {}, the synthesized ones".format(*forces) in text
     assert f"synthesized ones {found['force-synthesized']['contact_force_n']['min']:.1f} N (all sampled" in text
+    assert f"every 5 ms), clipped LQR {found['lqr']['contact_force_n']['min']:.1f} N." in text
     assert "the MPC survives {} of what any ankle can, the paper's gains {}, the".format(*slopes) in text
-    assert f"best on the ramp, {slopes[2]}; of a push {pushes[0]}, {pushes[1]} and {pushes[2]}" in text
+    assert f"best on the ramp, {slopes[2]}, clipped LQR {slopes[3]}; of a push {pushes[0]}, {pushes[1]}," in text
+    assert f"{pushes[1]}, {pushes[2]} and {pushes[3]}" in text
 
 
 def test_what_adapting_buys_is_what_the_readme_says():

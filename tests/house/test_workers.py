@@ -42,7 +42,7 @@ def test_where_no_process_may_be_started_the_work_is_done_here(monkeypatch):
         message = "no semaphores"
         raise OSError(message)
 
-    monkeypatch.setattr("design.workers.ProcessPoolExecutor", refused)
+    monkeypatch.setattr("design.workers.Workers", refused)
     with processes(2) as pool:
         assert isinstance(pool, Here)
 

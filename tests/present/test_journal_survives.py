@@ -254,7 +254,7 @@ def test_every_flipped_byte_of_a_middle_line_is_refused_with_its_line_number(tmp
     for at in range(start, start + len(lines[2])):
         flip = 1 << at % 8
         _file(tmp_path).write_bytes(data[:at] + bytes([data[at] ^ flip]) + data[at + 1 :])
-        with _refused("trials.jsonl: line 3: is damaged.* remove this line", tmp_path):
+        with _refused("trials.jsonl: line 3: is damaged.* --repair", tmp_path):
             Journal.open(tmp_path, IDENTITY, resume=True)
     _file(tmp_path).write_bytes(b"".join(lines[:2] + lines[3:]))
     with Journal.open(tmp_path, IDENTITY, resume=True) as journal:

@@ -11,6 +11,8 @@ import pytest
 
 from design.present.study_html import COMPARED, as_html, differences, findings, headline
 from design.present.study_plots import MOST, chosen
+from design.present.study_text import as_text
+from design.present.text import painter
 from problems.comparison.summary import summary
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -68,13 +70,24 @@ def _rows(names=THREE, scenarios=("ramp",), trials=4):
     ]
 
 
+TUNING = {
+    "objective": {"id": "contact-force", "unit": "N", "sense": "maximise", "measure": "contact_force_n"},
+    "instead_of": "decay-rate",
+    "weights": {
+        "mpc": {"torque_weight": 9.3, "rate_weight": 0.02, "fixed": ["rate_weight"], "tuned_with": "mpc",
+                "evaluations": 21, "value": 121.7, "value_before": 95.3},
+    },
+    "gains": {"force": {"value": 82.84, "surveyed": 0, "starts": 0}},
+}  # fmt: skip
+
+
 def _document(rows, scenarios=("ramp",), **changed):
     controllers = summary(rows, "force")
     return {
         "schema_version": 1, "command": "study", "spec": {"name": "tilt", "sha256": "ab" * 32}, "status": "complete",
         "trials": 1 + max((row["trial"] or 0 for row in rows), default=0), "seed": 3, "control_period_s": 0.005,
         "scenarios": list(scenarios), "reference": "force", "left_out": {}, "remark": "",
-        "gains": {"force": {"kp": 3500.0, "kd": 1200.0, "kf": 1.0}}, "controllers": controllers,
+        "gains": {"force": {"kp": 3500.0, "kd": 1200.0, "kf": 1.0}}, "controllers": controllers, "tuning": TUNING,
         "provenance": {"poise": "0.1.0", "numpy": "2.0"}, **changed,
     }  # fmt: skip
 
@@ -164,10 +177,13 @@ def test_a_broken_contact_is_marked_by_a_word_a_cross_and_a_line():
 
 
 def test_the_headline_names_who_kept_contact_and_who_has_the_largest_median():
-    assert headline(_document(_rows())).startswith("force-synthesized and mpc kept contact in all trials; the largest")
+    said = headline(_document(_rows()))
+    assert said.startswith(
+        "force lost contact in 4 of 4 trials (ramp 4); force-synthesized and mpc kept contact in all"
+    )
     assert headline(_document(_rows())).endswith(" N, with mpc.")
     crashed = [*_rows(), _crashed("mpc", "ramp", 9)]
-    assert headline(_document(crashed)).startswith("force-synthesized kept contact in all trials")
+    assert "; force-synthesized kept contact in all trials" in headline(_document(crashed))
     for mostly in (1, 0):
         lost = [
             _trial("force", "ramp", 0, -1.0),
@@ -179,6 +195,51 @@ def test_the_headline_names_who_kept_contact_and_who_has_the_largest_median():
         assert ("most often did mpc, in 1 of 2" in said) == bool(mostly)
         assert ("in any trial" in said) != bool(mostly)
     assert headline(_document([_crashed("force", "ramp", 0)])) == "No trial could be run to its end."
+
+
+def test_the_title_says_who_lost_contact_beside_whether_the_study_is_complete():
+    page = _page(_rows())
+    assert re.search(
+        r'id="verdict">COMPLETE</span>; <span\s+class="word bad" id="contact">CONTACT LOST by force<', page
+    )
+    whole = _page([row for row in _rows() if row["controller"] != "force"], reference="mpc")
+    assert 'id="contact">CONTACT KEPT in every trial<' in whole
+    assert "by every controller" in _page(EDGES["all lost"][0])
+    assert 'id="contact"' not in _page([])
+
+
+def test_the_text_of_every_controller_fits_80_columns_and_says_how_many_trials_settled():
+    quick = {"median_ms": 0.0005, "p99_ms": 0.0009, "max_ms": 0.02}
+    rows = [{**row, "seconds": quick} if row["trial"] is not None else row for row in _rows(TEN, ("ramp", LONG), 12)]
+    lines = as_text(_document(rows, ("ramp", LONG)), painter(False)).splitlines()
+    assert max(map(len, lines)) <= 80
+    assert next(line for line in lines if line.startswith("pd ")).split()[5] == "0/24"  # all were lost
+    assert next(line for line in lines if line.startswith("mpc ")).split()[5] == "24/24"
+    heads = [k for k, line in enumerate(lines) if line in ("trials that lost contact", "smallest contact force")]
+    assert lines[heads[0]] == "trials that lost contact"
+    assert any(re.match(r"  pd +all +0/24 to 24/24", line) for line in lines)
+
+
+def test_the_page_says_how_weights_were_chosen():
+    page = _page(_rows())
+    assert "mpc: torque_weight 9.3, rate_weight 0.02: 121.7 N, from 95.3 N with the default weights, in 21" in page
+    assert "rate_weight as the spec says" in page
+    assert "decay-rate, cannot be read off a run" in page
+
+
+def test_differences_of_several_scenarios_are_given_for_each_and_lost_trials_come_first():
+    scenarios = ("ramp", "gust")
+    rows = [
+        _trial(name, scenario, k, 30.0 * n + 5 * math.sin(k + len(scenario)) - 6.0)
+        for k in range(4) for scenario in scenarios for n, name in enumerate(THREE)
+    ]  # fmt: skip
+    lines = _Read(_page(rows, scenarios)).tables["differences"][1:]
+    assert "trials that lost contact" in lines[0]
+    of_mpc = [line for line in lines if "mpc" in line and "smallest contact force" in line]
+    assert len(of_mpc) == 3
+    for line, where in zip(of_mpc, ("all", *scenarios), strict=True):
+        assert f"mpc {where} " in line
+        assert line.split()[-1] == "4"  # draws, not draws times scenarios
 
 
 def test_an_oracle_is_not_offered_as_a_choice():

@@ -4,10 +4,13 @@ import json
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,14 +19,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from design.errors import BadInput
+from design import workers
+from design.errors import BadInput, Infrastructure
 from design.model.laws import Gains
+from design.present.journal import Journal
 from design.spec.load import load, parse
 from design.spec.setting import setting
 from design.workers import Here, processes
+from problems.comparison import conduct as conducted
 from problems.comparison import study as asked
 from problems.comparison.conduct import conduct, facts
-from problems.comparison.study import Case, Task, perform, study, tasks
+from problems.comparison.study import COLUMNS_VERSION, Case, Task, perform, study, tasks
 from problems.comparison.summary import interval, summary
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,11 +73,10 @@ def test_the_rows_are_the_same_in_another_order():
     assert _timeless(study(CASE, shuffled, Here, 1)) == ALONE
 
 
-@pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
+@contextmanager
+def _cluster(folder):
     """A real scheduler and two real workers, each a process of its own; the second has two threads."""
     distributed = pytest.importorskip("distributed", reason="distributed is not installed")
-    folder = tmp_path_factory.mktemp("dask")
     quiet = {
         "cwd": folder, "env": {**os.environ, "PYTHONPATH": str(ROOT)}, "stdout": subprocess.DEVNULL,
         "stderr": subprocess.DEVNULL,
@@ -85,13 +90,27 @@ def cluster(tmp_path_factory):
         time.sleep(0.1)
     address = json.loads(file.read_text())["address"]
     worker = [*python, "distributed.cli.dask_worker", address, "--no-dashboard", "--no-nanny", "--nthreads"]
-    workers = [subprocess.Popen([*worker, threads], **quiet) for threads in ("1", "2")]
+    members = [subprocess.Popen([*worker, threads], **quiet) for threads in ("1", "2")]
     with distributed.Client(address, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=60)
-    yield address
-    for process in (*workers, scheduler):
-        process.terminate()
-        process.wait(timeout=20)
+    try:
+        yield address, scheduler
+    finally:
+        for process in (*members, scheduler):
+            process.terminate()
+        for process in (*members, scheduler):
+            try:
+                process.wait(timeout=20)
+            except subprocess.TimeoutExpired:  # a worker without a scheduler takes its time
+                process.kill()
+                process.wait()
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """The address of a scheduler with two workers."""
+    with _cluster(tmp_path_factory.mktemp("dask")) as (address, _):
+        yield address
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -107,6 +126,17 @@ def test_the_rows_are_the_same_on_a_dask_cluster(cluster):
 def test_where_no_scheduler_answers_one_line_says_so():
     with pytest.raises(BadInput, match="no scheduler answers"):
         conduct(parse(NOISY, origin="noisy"), _problem(), ["force"], dask="tcp://127.0.0.1:9")
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_something_that_listens_and_never_answers_is_given_up():
+    with socket.socket() as silent:
+        silent.bind(("127.0.0.1", 0))
+        silent.listen()
+        began = time.monotonic()
+        with pytest.raises(BadInput, match=r"no scheduler answers.*timed out"):
+            conduct(parse(NOISY, origin="noisy"), _problem(), ["force"], dask=f"127.0.0.1:{silent.getsockname()[1]}")
+        assert time.monotonic() - began < 60
 
 
 # ---- failures
@@ -152,6 +182,69 @@ def test_an_executor_that_always_breaks_ends_the_study_with_a_row_for_each_task(
     found = summary(rows, "force")
     assert found["mpc"]["failed"] == 2
     assert found["mpc"]["contact_force_n"] == {"min": None, "median": None}
+
+
+def _stops(case, task):
+    """A worker that is stopped by one of its tasks, as by Ctrl-Z."""
+    if task == Task(controller="force", scenario="ramp", trial=1):
+        os.kill(os.getpid(), signal.SIGSTOP)
+    return perform(case, task)
+
+
+def _never_ends(case, task):
+    if task == Task(controller="force", scenario="ramp", trial=1):
+        time.sleep(1000.0)
+    return perform(case, task)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("fault", "silence", "limit"), [(_stops, 4.0, 600.0), (_never_ends, 600.0, 10.0)])
+def test_a_worker_that_stops_or_hangs_is_ended_and_costs_one_row(monkeypatch, fault, silence, limit):
+    monkeypatch.setattr(asked, "perform", fault)
+    monkeypatch.setattr(workers, "SILENCE_S", silence)
+    todo = [task for task in _todo() if task.controller == "force"]
+    rows = list(study(CASE, todo, lambda: processes(2), 4, limit=limit))
+    crashed = [row for row in rows if row["status"] == "crashed"]
+    assert [(row["controller"], row["trial"]) for row in crashed] == [("force", 1)]
+    assert len(rows) == len(todo)
+
+
+@pytest.mark.parametrize("fault", [CancelledError(), MemoryError(), ConnectionResetError("scheduler")])
+def test_what_befalls_the_infrastructure_is_never_a_row(fault):
+    class Lost(Executor):
+        def submit(self, fn, /, *args, **kwargs):
+            future = Future()
+            future.set_exception(fault)
+            return future
+
+    with pytest.raises(Infrastructure):
+        list(study(CASE, _todo(1), Lost, 2))
+
+
+def _killed_midway(process, journal):
+    """End ``process`` once the journal holds some rows."""
+    while not journal.exists() or journal.read_bytes().count(b"\n") < 10:
+        time.sleep(0.02)
+    process.kill()
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_lost_scheduler_stops_the_study_which_ends_on_another_with_the_rows_of_an_undisturbed_run(
+    tmp_path_factory, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(conducted, "CLUSTER_LIMIT_S", 3.0)
+    source = parse(NOISY, origin="noisy")
+    problem = replace(_problem(), study=_problem().study.model_copy(update={"trials": 60, "seed": 7}))
+    undisturbed = conduct(source, problem, ["force", "mpc"], jobs=2)
+    with _cluster(tmp_path_factory.mktemp("lost")) as (address, scheduler):
+        threading.Thread(target=_killed_midway, args=(scheduler, tmp_path / "study" / "trials.jsonl")).start()
+        with pytest.raises(Infrastructure, match=r"scheduler|not run"):
+            conduct(source, problem, ["force", "mpc"], dask=address, folder=str(tmp_path / "study"))
+    with _cluster(tmp_path_factory.mktemp("other")) as (address, _):
+        there = conduct(source, problem, ["force", "mpc"], dask=address, folder=str(tmp_path / "study"), resume=True)
+    assert 0 < there.journal["resumed"] < len(there.rows)
+    assert _timeless(there.rows) == _timeless(undisturbed.rows)
 
 
 # ---- kill -9
@@ -219,7 +312,7 @@ def test_a_changed_study_is_refused_and_an_unchanged_one_has_nothing_left_to_do(
     folder = str(tmp_path / "study")
     first = conduct(source, small, ["force"], folder=folder)
     again = conduct(source, small, ["force"], folder=folder, resume=True)
-    assert again.resumed == len(first.rows) == 3
+    assert again.journal["resumed"] == len(first.rows) == 3
     assert again.rows == first.rows
     with pytest.raises(BadInput, match="--resume"):
         conduct(source, small, ["force"], folder=folder)
@@ -233,6 +326,21 @@ def test_a_changed_study_is_refused_and_an_unchanged_one_has_nothing_left_to_do(
         conduct(parse(changed, origin="noisy"), _problem(changed), ["force"], folder=folder, resume=True)
 
 
+def test_a_study_of_an_earlier_version_is_refused_in_a_line_that_says_what_its_rows_lack(tmp_path):
+    source, problem = parse(NOISY, origin="noisy"), _problem()
+    small = replace(problem, study=problem.study.model_copy(update={"trials": 1}))
+    conduct(source, small, ["force"], folder=str(tmp_path))
+    journal = tmp_path / "trials.jsonl"
+    head, *rest = journal.read_text(encoding="utf-8").splitlines(keepends=True)
+    identity = json.loads(head)["identity"]
+    assert identity.pop("columns") == COLUMNS_VERSION
+    identity.pop("weights")
+    journal.write_text("".join([json.dumps({"journal": 1, "identity": identity}) + "\n", *rest]), encoding="utf-8")
+    with pytest.raises(BadInput, match=r"columns was absent, now 2") as refused:
+        conduct(source, small, ["force"], folder=str(tmp_path), resume=True)
+    assert "\n" not in str(refused.value)
+
+
 def test_more_trials_of_the_same_study_can_be_added(tmp_path):
     source, problem = parse(NOISY, origin="noisy"), _problem()
     folder = str(tmp_path / "study")
@@ -240,8 +348,42 @@ def test_more_trials_of_the_same_study_can_be_added(tmp_path):
     more = replace(problem, study=problem.study.model_copy(update={"trials": 3}))
     conduct(source, few, ["force"], folder=folder)
     found = conduct(source, more, ["force"], folder=folder, resume=True)
-    assert found.resumed == 3
+    assert found.journal["resumed"] == 3
     assert len(found.rows) == 5
+
+
+def _small_study(folder, **how):
+    problem = _problem()
+    small = replace(problem, study=problem.study.model_copy(update={"trials": 1}))
+    return conduct(parse(NOISY, origin="noisy"), small, ["force"], folder=str(folder), **how), small
+
+
+def test_rows_of_another_version_of_the_code_are_not_mixed_and_a_study_can_begin_anew(tmp_path, monkeypatch):
+    first, _ = _small_study(tmp_path / "study")
+    monkeypatch.setattr(conducted, "code", lambda: "another")
+    with pytest.raises(BadInput, match=r"versions\.code was .*, now"):
+        _small_study(tmp_path / "study", resume=True)
+    anew, _ = _small_study(tmp_path / "study", force_new=True)
+    assert anew.journal["resumed"] == 0
+    assert _timeless(anew.rows) == _timeless(first.rows)
+    assert (tmp_path / "study" / "trials.jsonl.old").exists()
+
+
+def test_lines_that_do_not_count_are_counted_and_named_and_their_trials_run_again(tmp_path):
+    first, problem = _small_study(tmp_path / "study")
+    path = tmp_path / "study" / "trials.jsonl"
+    with Journal.open(tmp_path / "study", json.loads(path.read_bytes().splitlines()[0])["identity"], resume=True) as j:
+        j.append(first.rows[0])  # twice the same trial
+        j.append({"controller": "force"})  # not a whole row
+    head, *lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join([head, lines[0][:-9] + b"x" + lines[0][-8:], *lines[1:], lines[1][:20]]))
+    with pytest.raises(BadInput, match="--repair"):
+        _small_study(tmp_path / "study", resume=True)
+    again, _ = _small_study(tmp_path / "study", resume=True, repair=True)
+    assert again.journal == {"resumed": 3, "torn": 1, "damaged": 1, "incomplete": 1, "duplicated": 0}
+    assert _timeless(again.rows) == _timeless(first.rows)
+    assert "1 torn, 1 damaged, 1 incomplete" in facts(again, problem)["remark"]
+    assert (tmp_path / "study" / "trials.jsonl.damaged").exists()
 
 
 # ---- what is asked, and what is said

@@ -140,7 +140,7 @@ def test_plans_are_the_same_in_a_mirror():
         assert two.torque == pytest.approx(-one.torque, abs=2e-3), name
 
 
-@pytest.mark.parametrize("name", ["force", "cop", "mpc", "mpc-oracle", "mpc-preview", "nmpc"])
+@pytest.mark.parametrize("name", ["force", "cop", "mpc", "mpc-oracle", "mpc-preview", "nmpc", "lqr"])
 def test_in_a_trial_the_cop_comes_to_its_target_on_both_feet_ends(name):
     problem = replace(FEET, tuning=replace(FEET.tuning, horizon=30))
     world = World(biped=BIPED, scenario=FEET.scenarios[0], sensors=FEET.sensors, draws=None, target=TARGET)

@@ -53,6 +53,8 @@ def test_out_of_reach_without_proof_names_what_stands_in_the_way():
         ({"contact_force": 250.0}, "contact-force"),
         ({"decay_rate": 12.2}, "decay-rate"),
         ({"cop_margin": 0.11}, "cop-margin"),
+        ({"step_slope": 7.62}, "step-slope"),
+        ({"push": 9.1}, "push"),
     ],
 )
 def test_proved_obstacles_name_the_requirement(levels, named):
@@ -62,6 +64,7 @@ def test_proved_obstacles_name_the_requirement(levels, named):
 def test_an_obstacle_is_never_raised_just_inside_the_best_that_is_known():
     assert not obstacles(_needs(SLOPE, decay_rate=12.185))
     assert not obstacles(_needs(SLOPE, contact_force=190.99))
+    assert not obstacles(_needs(SLOPE, step_slope=7.6, push=9.0))
 
 
 def test_a_sudden_slope_beyond_capturability_is_infeasible_and_one_within_it_is_not_claimed():
@@ -87,6 +90,15 @@ def test_capturability_proof_holds_against_saturated_torque():
         if theta > np.pi / 2:
             break
     assert theta > np.pi / 2
+
+
+def test_a_lean_that_no_ankle_holds_is_proved_infeasible_and_the_scenario_is_named():
+    ramp = replace(SLOPE.scenarios[0], theta0=np.radians(20.0))
+    answer = question.solve(replace(SLOPE, scenarios=(ramp,)))
+    assert answer.outcome.status is Status.INFEASIBLE
+    assert answer.obstacle.physical
+    assert "'ramp'" in answer.outcome.detail
+    assert "20 deg" in answer.outcome.detail
 
 
 def test_unstable_corner_is_proved_infeasible():

@@ -136,7 +136,7 @@ def test_draws_spread_over_the_whole_tolerance():
     assert abs(masses.mean() - 50.0) < 0.4
 
 
-@pytest.mark.parametrize("name", ["force", "mpc", "mpc-oracle"])
+@pytest.mark.parametrize("name", ["force", "lqr", "mpc", "mpc-oracle"])
 def test_every_controller_has_the_same_limits_noise_and_delay(name):
     text = NOISY.replace("\n[noise]", "\n[noise]\ndelay_s = 0.01").replace(
         "[requirements]", "[requirements]\ntorque_nm = 20.0\ntorque_rate_nm_per_s = 500.0"

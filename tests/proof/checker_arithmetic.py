@@ -1,5 +1,6 @@
 """What the checker's arithmetic must hold, of whichever modules are handed in: also of mutants."""
 
+import itertools
 import random
 from fractions import Fraction
 
@@ -239,7 +240,9 @@ def check_tube(tube):
          [Fraction(0), Fraction("0.001"), Fraction("0.0004")]]  # fmt: skip
     metric = np.array([[float(each) for each in row] for row in P])
     one = tube.ONE
-    for kind, signal in (("slope", [1.0]), ("force", [20.0, -30.0]), ("platform", [0.4])):
+    worlds = (("slope", [1.0]), ("force", [20.0, -30.0]), ("platform", [0.4]))
+    for (kind, signal), loaded in itertools.product(worlds, (False, True)):
+        spec["foot"] = {"ground_loads": loaded}
         for n in (2, 3):
             K = [3500.0, 600.0, 5.0][:n]
             numbers = {"M": M, "L": L, "I": I, "m": m, "ell": ell, "slope": 5.0 if kind == "slope" else 0.0, "ramp": 0}
@@ -253,7 +256,7 @@ def check_tube(tube):
             x = [tube.Ball(each.rows) for each in x]
             parts = loop.parts(x, [tube.constant(Fraction(repr(each))) for each in signal])
 
-            def quantities(y, kind=kind, signal=signal, K=K):
+            def quantities(y, kind=kind, signal=signal, K=K, loaded=loaded):
                 theta, omega = y[0], y[1]
                 tau = K[0] * (np.radians(1.0) - theta) - K[1] * omega + (K[2] * y[2] if len(y) == 3 else 0.0)
                 if kind == "slope":
@@ -264,7 +267,8 @@ def check_tube(tube):
                 else:
                     side, down = signal[0], M * g - signal[1]
                 turning = (L * (down * np.sin(theta) + side * np.cos(theta)) + tau) / I
-                load = m * g + down - M * L * (turning * np.sin(theta) + omega**2 * np.cos(theta))
+                foot = m / M * down if loaded and kind == "slope" else m * g
+                load = foot + down - M * L * (turning * np.sin(theta) + omega**2 * np.cos(theta))
                 G = L * (down * np.cos(theta) - side * np.sin(theta))
                 return np.array([(load - tau / ell) / 2, (load + tau / ell) / 2, tau, load, G, turning])
 

@@ -101,6 +101,17 @@ def test_a_run_that_just_stays_within_the_band_is_named_with_its_instant():
 
 
 @pytest.mark.slow
+def test_the_multiplier_of_a_settling_time_is_what_seeking_again_finds():
+    problem = BETTER[1][0]
+    values = [
+        solve(replace(problem, required={**problem.required, "settling": Required(level=T)}), starts=1).outcome.value
+        for T in (1.98, 2.0, 2.02)
+    ]
+    price = next(each for each in values[1].prices if each.id == "settling")
+    assert price.change == pytest.approx(0.5 * (values[2].value - values[0].value), rel=0.05)
+
+
+@pytest.mark.slow
 def test_no_neighbour_and_no_random_design_settles_sooner():
     problem = _posed("settling", (TRAIN,), contact_force=90.0, decay_rate=1.0)
     found = solve(problem).outcome.value

@@ -2,6 +2,16 @@
 
 The loop margins and the sampling period are those of the frozen linear loop at the environment that is worst for each;
 ``scenario`` names where that is met. What cannot be computed is an undecided row that says why.
+
+Rows that presuppose a stable loop, and are undecided where ``design.analysis.verdict`` finds that it is not:
+
+- ``settling``, ``overshoot``: an unstable loop leaves every posture again, and how far it goes past one depends on how
+  long it is watched;
+- the loop margins, ``sample-time``, ``slope-rate``: how far the loop is from losing the stability that it has;
+- ``step-slope``, ``push``: a disturbance is survived where the body comes to rest, not where contact holds for as long
+  as is watched. They begin on level ground, so that the loop must be stable there too.
+
+``posture-error``, ``torque-rate`` and the limits along a run are facts of the samples, whatever becomes of it later.
 """
 
 from __future__ import annotations
@@ -44,9 +54,12 @@ RUN_IDS = ("torque-rate", "settling", "overshoot", "posture-error")
 
 
 def run_rows(
-    setting: Setting, loop: ClosedLoop, scenario: Scenario, gains: Gains, run: Trajectory, distrust: str
+    setting: Setting, loop: ClosedLoop, scenario: Scenario, gains: Gains, run: Trajectory, distrust: str, unstable: str
 ) -> list[Row]:
-    """``torque-rate``, ``settling``, ``overshoot`` and ``posture-error`` of one run."""
+    """``torque-rate``, ``settling``, ``overshoot`` and ``posture-error`` of one run.
+
+    ``distrust``: why the time step is too coarse; ``unstable``: why nothing settles. Empty where that is not so.
+    """
     common: dict[str, Any] = {"scenario": scenario.name, "basis": "sampled", "sense": "at most"}
     if distrust:
         units = dict(zip(RUN_IDS, ("N m/s", "s", "deg", "deg"), strict=True))
@@ -62,23 +75,25 @@ def run_rows(
     moving = bool(np.ptp(scenario.signal_on(last, np.array(last)), axis=1).any())
     settling: float | None = end.settling
     overshoot: float | None = math.degrees(end.overshoot)
-    if moving:  # there is no final posture to settle to
+    blank = "the force still changes at the end of the scenario; lengthen duration_s" if moving else unstable
+    if blank:  # there is no final posture to settle to
         settling, overshoot = None, None
-        late = fell = "the force still changes at the end of the scenario; lengthen duration_s"
+        late = "; ".join(filter(None, (fell, blank)))
     return [
         _row(setting, id="torque-rate", equation="(10)", unit="N m/s", value=float(rates[fastest]),
              time_s=float(run.t[fastest]), note=fell, fails=run.fallen is not None, **common),
-        _row(setting, id="settling", equation="(14)", unit="s", value=settling, time_s=end.settled_at, note=late,
-             **common),
-        _row(setting, id="overshoot", equation="(14)", unit="deg", value=overshoot, time_s=end.overshoot_at,
-             note=fell, fails=run.fallen is not None, **common),
+        _row(setting, id="settling", equation="(14)", unit="s", value=settling,
+             time_s=None if blank else end.settled_at, note=late, **common),
+        _row(setting, id="overshoot", equation="(14)", unit="deg", value=overshoot,
+             time_s=None if blank else end.overshoot_at,
+             note=late if blank else fell, fails=run.fallen is not None, **common),
         _row(setting, id="posture-error", equation="(14)", unit="deg", value=math.degrees(end.error),
              time_s=float(run.t[-1]), note=fell, fails=run.fallen is not None, **common),
     ]  # fmt: skip
 
 
-def loop_rows(setting: Setting, gains: Gains) -> list[Row]:
-    """Loop margins, the sampling period, and the slope rate, of the linear loop."""
+def loop_rows(setting: Setting, gains: Gains, unstable: str = "") -> list[Row]:
+    """Loop margins, the sampling period, and the slope rate, of the linear loop; none where it is ``unstable``."""
     biped, kind, gains = setting.biped, setting.law, setting.felt(gains)
     places: dict[Place, str] = {}
     for scenario in setting.scenarios:
@@ -88,6 +103,8 @@ def loop_rows(setting: Setting, gains: Gains) -> list[Row]:
     basis = "exact" if len(places) == 1 else "sampled"  # between the environments looked at nothing is known
     rows = []
     try:
+        if unstable:
+            raise ValueError(unstable)
         found = [
             (loop_margins(biped, kind, gains, A, load, setting.adapt, beta), places[Place(A, load, beta)])
             for A, load, beta in environments
@@ -116,7 +133,7 @@ def loop_rows(setting: Setting, gains: Gains) -> list[Row]:
             _row(setting, id="sample-time", equation="(23)", scenario=where, unit="s", value=period, basis=basis,
                  sense="at least")
         )  # fmt: skip
-    return [*rows, _slope_rate(setting, gains)]
+    return [*rows, _slope_rate(setting, gains, unstable)]
 
 
 def loop_places(setting: Setting, scenario: Scenario) -> list[Place]:
@@ -136,7 +153,7 @@ def _spread(places: list[Place], most: int = 80) -> list[Place]:
     return [places[k] for k in chosen]
 
 
-def _slope_rate(setting: Setting, gains: Gains) -> Row:
+def _slope_rate(setting: Setting, gains: Gains, unstable: str) -> Row:
     facts: dict[str, Any] = {
         "id": "slope-rate", "equation": "(18)", "scenario": None, "unit": "deg/s", "basis": "exact",
         "sense": "at least",
@@ -145,6 +162,8 @@ def _slope_rate(setting: Setting, gains: Gains) -> Row:
         return _row(setting, **facts, value=None, note="not computed for a law that adapts (law.adapt_s)")
     if not setting.plain:
         return _row(setting, **facts, value=None, note="not computed for this foot: " + setting.unlike)
+    if unstable:
+        return _row(setting, **facts, value=None, note=unstable)
     try:
         peak = peak_gain(setting.biped, setting.law, gains)
     except (ValueError, np.linalg.LinAlgError) as error:

@@ -9,15 +9,17 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from design.analysis.transient import AT_REST, PART_AT_REST
 from design.model.body import Biped
 from design.model.environment import Scenario
 from design.model.laws import Gains, LawKind, desired, followed, gathered, swing, torque_of
+from design.model.standing import posture
 from design.model.uncertainty import Spread, Tolerances
 
 Array = NDArray[np.float64]
@@ -27,11 +29,55 @@ FALLEN = 0.5 * math.pi
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Paths:
+    """Where each run was on its way to its final posture: e = theta - theta_f (N, n) [rad] at times ``t`` (n,) [s].
+
+    ``corner`` (N,): when the force came to rest [s].
+    """
+
+    t: Array
+    e: Array
+    corner: Array
+
+    @property
+    def farthest(self) -> Array:
+        """The largest |e| (N,) [rad]."""
+        return np.asarray(np.abs(self.e).max(axis=1))
+
+    @property
+    def error(self) -> Array:
+        """|e| at the end (N,) [rad]."""
+        return np.asarray(np.abs(self.e[:, -1]))
+
+    def distance(self, T: float) -> Array:
+        """The largest |e| (N,) [rad] from ``T`` [s] after the corner on."""
+        start = np.minimum(self.corner + T, self.t[-1])
+        late = np.where(self.t >= start[:, None], np.abs(self.e), 0.0).max(axis=1)
+        return np.asarray(np.maximum(late, np.abs(self._at(start))))
+
+    def overshoot(self) -> Array:
+        """How far (N,) [rad] e came past 0 from the corner on; to either side where it was 0 there."""
+        e = np.where(self.t >= self.corner[:, None], self.e, 0.0)
+        start = self._at(self.corner)
+        at_rest = np.abs(start) <= AT_REST + PART_AT_REST * self.farthest
+        past = (-np.sign(start)[:, None] * e).max(axis=1)
+        return np.asarray(np.where(at_rest, np.abs(e).max(axis=1), np.maximum(past, 0.0)))
+
+    def _at(self, t: Array) -> Array:
+        """The e (N,) at times ``t`` (N,)."""
+        after = np.clip(np.searchsorted(self.t, t), 1, len(self.t) - 1)
+        part = (t - self.t[after - 1]) / np.maximum(self.t[after] - self.t[after - 1], 1e-12)
+        row = np.arange(len(t))
+        return np.asarray(self.e[row, after - 1] * (1 - part) + self.e[row, after] * part)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Extremes:
     """What each run (N,) came to.
 
-    Least F_T and F_H [N] and distance of P from an end of the foot [m]; most |tau| [N m] and friction. A body that
-    falls has minus its weight for its forces, and the worst of the others.
+    Least F_T and F_H [N] and distance of P from an end of the foot [m]; most |tau| [N m], friction, and |dtau/dt|
+    [N m/s]. A body that falls has minus its weight for its forces, and the worst of the others. ``paths`` where they
+    were asked for; after a fall they are infinite.
     """
 
     toe: Array
@@ -39,6 +85,8 @@ class Extremes:
     cop: Array
     torque: Array
     friction: Array
+    rate: Array
+    paths: Paths | None = None
 
 
 def extremes(
@@ -56,6 +104,7 @@ def extremes(
     known: Biped | None = None,
     impulse: float = 0.0,
     deadline: float = math.inf,
+    paths: bool = False,
 ) -> Extremes:
     """The runs at ``shares`` (N, 7) of the half-widths of ``tolerances``, which ``tolerances.drawn`` explains.
 
@@ -77,23 +126,34 @@ def extremes(
     worst = _Worst(bodies)
     fallen = np.zeros(n, dtype=bool)
     steps = scenario.steps(step)
+    way = [z[0]]
     with np.errstate(all="ignore"):
         for t, h in zip(steps.t[:-1].tolist(), steps.h.tolist(), strict=True):
             if time.monotonic() > deadline:
                 break
             if h == 0:
+                way += [z[0]] if paths else []
                 continue
             F = [world(t, t + 0.5 * h), world(t + 0.5 * h, t + 0.5 * h), world(t + h, t + 0.5 * h)]
             first = bodies.seen(law, z, F[0])
-            worst.note(first)
             k1 = law.flow(z, first)
+            worst.note(first, law.torque_rate(k1) if paths else None)
             k2 = law.flow(at_2 := _moved(z, k1, 0.5 * h), bodies.seen(law, at_2, F[1]))
             k3 = law.flow(at_3 := _moved(z, k2, 0.5 * h), bodies.seen(law, at_3, F[1]))
             k4 = law.flow(at_4 := _moved(z, k3, h), bodies.seen(law, at_4, F[2]))
             z = _moved(z, tuple((a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)), h)
-            worst.note(bodies.seen(law, z, F[2]))  # a jump may follow
+            last = bodies.seen(law, z, F[2])  # a jump may follow
+            worst.note(last, law.torque_rate(law.flow(z, last)) if paths else None)
             fallen |= ~(np.abs(z[0]) < FALLEN)
-    return worst.extremes(fallen)
+            way += [z[0]] if paths else []
+    if not paths:
+        return worst.extremes(fallen)
+    end = float(steps.t[-1])
+    e = np.column_stack(way) - bodies.postures(biped, world(end, end), target)[:, None]
+    still = scenario.steady_from
+    corner = np.minimum(ramp, end) if scenario.kind in ("slope", "force") and still > 0 else np.full(n, still)
+    e = np.where(fallen[:, None] | ~np.isfinite(e), np.inf, e)
+    return worst.extremes(fallen, Paths(t=steps.t, e=e, corner=corner))
 
 
 class _Seen(NamedTuple):
@@ -126,6 +186,11 @@ class _Law:
         theta, omega, s = z[:3]
         aim = desired(self.body, self.adapt, z[3], omega) if self.adapts else self.theta_d
         return np.asarray(torque_of(self.kind, self.body, aim, theta, omega, s, self.gains))
+
+    def torque_rate(self, rates: State) -> Array:
+        """dtau/dt (N,) where the states change at these ``rates``: the torque is linear in them."""
+        turned = desired(self.body, self.adapt, rates[3], rates[1]) if self.adapts else 0.0
+        return np.asarray(torque_of(self.kind, self.body, turned, rates[0], rates[1], rates[2], self.gains))
 
     def flow(self, z: State, seen: _Seen) -> State:
         """The rates of the states."""
@@ -168,6 +233,16 @@ class _Bodies:
         slip = np.abs(shear - self.share * F[0]) / (load - (self.share - self.kappa) * F[1])
         return _Seen(tau, turning, F_T, 0.5 * ((1 + self.skew) * load + turn / self.ell), load, slip)
 
+    def postures(self, biped: Biped, F: tuple[Array, Array], target: float) -> Array:
+        """The final posture (N,) [rad] of each body under its force."""
+        numbers = zip(self.M, self.L, self.I, self.m, self.ell, *F, strict=True)
+        return np.array(
+            [
+                posture(replace(biped, M=M, L=L, I=I, m=m, ell=ell), F_x, F_y, target)
+                for M, L, I, m, ell, F_x, F_y in (map(float, each) for each in numbers)
+            ]
+        )
+
 
 def _bodies(biped: Biped, tolerances: Tolerances, shares: Array, *, field: bool) -> _Bodies:
     M, L, I, m, ell = (
@@ -192,10 +267,12 @@ class _Worst:
         n = len(bodies.M)
         self._bodies = bodies
         self._toe, self._heel, self._cop = (np.full(n, np.inf) for _ in range(3))
-        self._torque, self._friction = np.zeros(n), np.zeros(n)
+        self._torque, self._friction, self._rate = np.zeros(n), np.zeros(n), np.zeros(n)
 
-    def note(self, seen: _Seen) -> None:
-        """Take what was ``seen`` into account."""
+    def note(self, seen: _Seen, rate: Array | None = None) -> None:
+        """Take what was ``seen``, and the torque's ``rate``, into account."""
+        if rate is not None:
+            np.fmax(self._rate, np.abs(rate), out=self._rate)
         toe, heel = (1 + self._bodies.skew), (1 - self._bodies.skew)
         np.fmin(self._toe, seen.F_T, out=self._toe)
         np.fmin(self._heel, seen.F_H, out=self._heel)
@@ -204,7 +281,7 @@ class _Worst:
         np.fmax(self._torque, np.abs(seen.tau), out=self._torque)
         np.fmax(self._friction, seen.slip, out=self._friction)
 
-    def extremes(self, fallen: Array) -> Extremes:
+    def extremes(self, fallen: Array, paths: Paths | None = None) -> Extremes:
         """What it came to, where ``fallen`` (N,) says which bodies fell."""
         lost = -(self._bodies.M + self._bodies.m) * self._bodies.g
 
@@ -214,6 +291,7 @@ class _Worst:
         return Extremes(
             toe=of(self._toe, np.minimum(self._toe, lost)), heel=of(self._heel, np.minimum(self._heel, lost)),
             cop=of(self._cop, -self._bodies.ell), torque=of(self._torque, np.inf), friction=of(self._friction, np.inf),
+            rate=of(self._rate, np.inf), paths=paths,
         )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from design.analysis.rows import Basis, Row, Series, Verdict
 from design.analysis.simulate import Trajectory, components, simulate
 from design.model.closed_loop import ClosedLoop
 from design.model.deciding import deciding_places
-from design.model.environment import Scenario
+from design.model.environment import Scenario, constant_force
 from design.model.laws import Gains
 from design.model.limits import Limit, Required, limits
 from design.model.stability import (
@@ -57,10 +57,14 @@ def judge(
     rows: list[Row] = []
     trajectories: list[Trajectory] = []
     series: list[Series] = []
+    unstable = ""
     for scenario in setting.scenarios:
         world = setting.under(scenario)
         loop = world.loop()
-        rows += stability_rows(world, scenario, gains)
+        stability = stability_rows(world, scenario, gains)
+        rows += stability
+        here = instability(stability)
+        unstable = unstable or here
         trajectory = simulate(loop, scenario, gains, setting.step)
         trajectories.append(trajectory)
         distrust = coarse_step(loop, scenario, gains, setting.step)
@@ -70,15 +74,35 @@ def judge(
             rows.append(limit_row(limit, quantity, trajectory, distrust))
             series.append(_series(limit, quantity, trajectory))
         if wanted(RUN_IDS):
-            rows += run_rows(world, loop, scenario, gains, trajectory, distrust)
+            rows += run_rows(world, loop, scenario, gains, trajectory, distrust, here)
     if wanted(LINEAR_IDS):
-        rows += loop_rows(setting, gains)
+        rows += loop_rows(setting, gains, unstable)
     if wanted(STEP_IDS):
+        unstable = unstable or unstable_at_rest(setting, gains)
         distrusts = [
             coarse_step(setting.under(scenario).loop(), scenario, gains, setting.step) for scenario in setting.scenarios
         ]
-        rows += survival_rows(setting, gains, next(filter(None, distrusts), ""))
+        rows += survival_rows(setting, gains, unstable or next(filter(None, distrusts), ""))
     return Verdict(rows=tuple(rows), trajectories=tuple(trajectories), series=tuple(series))
+
+
+def instability(rows: Sequence[Row]) -> str:
+    """Why rows that presuppose stability (``design.analysis.further``) have no value; empty where the loop is stable.
+
+    ``rows`` are those of ``stability_rows``, of one scenario.
+    """
+    row = next(row for row in rows if row.id == "decay-rate")
+    if row.value is not None and row.value > 0:
+        return ""
+    return f"the loop is not stable: its decay rate is {row.value:.4g} 1/s in scenario {row.scenario!r}"
+
+
+def unstable_at_rest(setting: Setting, gains: Gains) -> str:
+    """Why ``step-slope`` and ``push``, which begin on level ground, have no value, as ``instability`` does."""
+    place = deciding_places(setting.biped, setting.law, np.zeros((2, 1)), setting.adapt, setting.target)
+    level = constant_force(name="level ground", F_x=0.0, F_y=0.0, ramp=0.0, duration=1.0)
+    sigma = min(decay_rate(p) for p in _polynomials(setting, level, gains, place))
+    return "" if sigma > 0 else f"the loop is not stable: its decay rate is {sigma:.4g} 1/s on level ground"
 
 
 def stability_rows(setting: Setting, scenario: Scenario, gains: Gains) -> list[Row]:

@@ -23,7 +23,8 @@ from design.buffered import Buffered
 from problems.bound.poles import SIX
 from problems.bound.relax import Quadratics
 from problems.gains import Grid
-from problems.gains.grid import BACKOFF, limit_rows
+from problems.gains.goal import BACKOFF
+from problems.gains.grid import limit_rows
 from problems.gains.question import Case
 
 Array = NDArray[np.float64]

@@ -10,10 +10,11 @@
 
 for one body, or for several at once. Every row of the report may be the objective or a requirement:
 
-*Sampled* rows (contact, CoP, torque, friction) are taken at samples of the trajectory, ``routh-margin`` and
-``decay-rate`` from the polynomial. ``step-slope`` and ``push`` are scenarios of their own, whose disturbance has the
-required size, or grows with v. The others (loop margins, sampling, transients) are *modelled*: see ``modelled`` and
-``sequential``. ``goals`` is v <= (value - level)/size of every soft requirement: its largest shortfall is minimised.
+*Sampled* rows (contact, CoP, torque and its rate, friction, and by ``approach`` settling, overshoot and the error at
+the end) are taken at samples of the trajectory, ``routh-margin`` and ``decay-rate`` from the polynomial.
+``step-slope`` and ``push`` are scenarios of their own, whose disturbance has the required size, or grows with v. The
+others (loop margins, sampling) are *modelled*: see ``modelled`` and ``sequential``. ``goals`` is
+v <= (value - level)/size of every soft requirement: its largest shortfall is minimised.
 
 *The poles.* The tests q_2 >= 0, q_0 >= 0, q_2 q_1 >= q_0 on the polynomial shifted by sigma are not enough when they
 are closed, as constraints of a program are: q_2 = q_0 = 0 with q_1 < 0 passes them, with a pole on the right,

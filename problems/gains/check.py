@@ -16,12 +16,14 @@ from design.model.laws import Gains
 from design.solvers.outcome import Outcome, Status
 from problems.gains.exchange import Local
 from problems.gains.goal import GAINS, Goal
-from problems.gains.grid import Grid
+from problems.gains.grid import Grid, Point
 from problems.gains.prices import prices
-from problems.gains.question import Question
+from problems.gains.question import APPROACH, Question
 
 Array = NDArray[np.float64]
 
+PATHS = (*APPROACH, "torque-rate")
+"""Rows that are read from the whole of a run and are no limits of the plant."""
 SLACK = {"decay-rate": 1e-3, "goals": 1e-3, "step-slope": 3e-4, "push": 3e-4}
 """Part by which a row may be worse than the program says, where it is not 1e-5.
 
@@ -41,8 +43,9 @@ def checked(grid: Grid, winner: Local, tried: int, reached: int, optima: int) ->
         others, broken_beside = _beside(question, goal, gains)
     value = min(value, others) if goal.sign > 0 else max(value, others)
     claim = goal.value(winner.point.v)
+    active = (*_active(question, goal, gains, verdict, value), *_along(grid, gains, verdict, value))
     synthesis = Synthesis(
-        gains=gains, objective=goal.id, value=value, active=_active(question, goal, gains, verdict, value),
+        gains=gains, objective=goal.id, value=value, active=active,
         verdict=verdict, starts=tried, reached=reached, optima=optima, prices=prices(grid, winner),
     )  # fmt: skip
     doubt = _doubt(question, goal, gains, verdict) or broken_beside
@@ -142,3 +145,29 @@ def _active(question: Question, goal: Goal, gains: Gains, verdict: Verdict, valu
                 )
             )
     return tuple(found)
+
+
+def _along(grid: Grid, gains: Gains, verdict: Verdict, value: float) -> list[Active]:
+    """Rows of the approach to the final posture, and of the torque's rate, that are tight, where they are tightest.
+
+    A required settling time may be held by a sample long after it: one at which theta just stays within the band.
+    """
+    question, goal = grid.question, grid.goal
+    if not any(question.asks(goal, id) for id in PATHS):
+        return []
+    margins = grid.margins(Point(gains=gains, v=goal.v(value)))
+    found, own_cases = [], grid.cases[: len(question.setting.scenarios)]  # those of other bodies come after
+    for case, names, rows, steps in zip(own_cases, grid.names(), margins or (), grid.samples, strict=False):
+        for id in PATHS:
+            own = rows[[name == id for name in names]]
+            row = next((row for row in verdict.rows if (row.id, row.scenario) == (id, case.name)), None)
+            # a settling time that is made short is that of a sample, and so held to within a step
+            slack = 1.5 * question.setting.step / goal.scale if id == goal.id == "settling" else 1e-6
+            if row is None or row.value is None or not own.size or own.min() > slack:
+                continue
+            at = int(np.argmin(own.min(axis=0)))
+            required = value if id == goal.id else question.level(id)
+            if required is not None:
+                time_s = float(steps.t[at])
+                found.append(Active(id=id, scenario=case.name, time_s=time_s, value=row.value, required=required))
+    return found

@@ -6,18 +6,20 @@ the samples seen, and the difference that this makes is measured at each answer 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from design.solvers.nlp import Ipopt, NlpAnswer
-from problems.gains.grid import Grid, Instants, Point
+from problems.gains.grid import Branches, Grid, Instants, Point
 from problems.gains.model import Model
-from problems.gains.program import pose
+from problems.gains.program import VANISHING, objective_range, pose
+from problems.gains.question import question_decay
 
 Array = NDArray[np.float64]
 
@@ -29,6 +31,10 @@ FAR = 0.04
 NEAR = 0.01
 """Margin of a sample, in its scale, up to which the next program begins with it."""
 ROUNDS = 25
+CHANGES = 20
+"""Branches of the approach to the final posture that are tried, one after the other."""
+GAINED = 1e-7
+"""Gain in v that is worth another branch."""
 UNBOUNDED = 1e3
 """Value of v, in its scale, that no row allows."""
 
@@ -49,12 +55,13 @@ class Local:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Solved:
-    """A program's ``answer``, and the samples, shift and models that it was posed with."""
+    """A program's ``answer``, and the samples, shift, models and branches that it was posed with."""
 
     answer: NlpAnswer
     instants: Instants
     shift: Array | None
     models: tuple[Model, ...]
+    branches: Branches
 
 
 def exchange(
@@ -71,14 +78,65 @@ def exchange(
     """Solve on ``instants``, add what the answer violates, and repeat until nothing on ``grid`` is violated.
 
     ``models`` and ``reach`` as in ``pose``. ``effort``: part of the usual rounds and iterations after which to give up.
+    Where something is asked of the approach to the final posture, again on the branch of each answer, until that gains
+    nothing: the answer before is feasible on it.
     """
+    wide, idle = True, 0
+    branches = grid.branches(start, wide=wide)
+    if branches is None:
+        return Local(point=start, instants=instants, converged=False, said="the biped falls at the start")
+    if not models and _perfect(grid, start, branches):
+        best_v = objective_range(grid.question, grid.goal)[1]
+        return Local(point=replace(start, v=best_v), instants=instants, converged=True, said="nothing is left to gain")
+    seeks = any(branch is not None and math.isfinite(branch.v) for branch in branches)  # a settling time
+    best: Local | None = None
+    reached = -np.inf
+    for _ in range(CHANGES):
+        found = _exchange(grid, start, instants, deadline, branches, near, models, reach, effort)
+        following = grid.branches(found.point, wide=wide) if found.converged else None
+        if following is not None:
+            # a settling time is that of a sample: what the program gains between two samples counts as well
+            v = found.point.v
+            found = replace(found, point=replace(found.point, v=grid.kept(v, following)))
+            least = GAINED * (1 + abs(v))
+            gained = best is None or found.point.v > best.point.v + least or (not wide and v > reached + least)
+            best = found if best is None or found.point.v >= best.point.v else best
+            reached = max(v, reached) if not wide else -np.inf
+        else:
+            gained = False
+        if best is None:
+            return found
+        idle = 0 if gained else idle + 1
+        if idle > seeks or (following == branches and not seeks):
+            return best
+        wide = wide if gained else not wide
+        start, instants, near = best.point, best.instants, True
+        branches = grid.branches(start, wide=wide) or branches
+    return best or found
+
+
+def _perfect(grid: Grid, start: Point, branches: Branches) -> bool:
+    """Whether the start is feasible and there is no overshoot, or no error, left."""
+    question = grid.question
+    if grid.goal.id not in VANISHING or question_decay(question, np.array(start.gains)) <= question.decay:
+        return False
+    margins = grid.margins(replace(start, v=objective_range(question, grid.goal)[1]), branches)
+    return margins is not None and min(float(rows.min()) for rows in margins) >= 0
+
+
+def _exchange(
+    grid: Grid, start: Point, instants: Instants, deadline: float, branches: Branches, near: bool,
+    models: Sequence[Model], reach: tuple[Array, float] | None, effort: float,
+) -> Local:  # fmt: skip
+    """``exchange`` on one branch of the approach in each case."""
     said = "round limit"
     if not any(instants):
         instants = _lowest(grid, start, instants)
+    instants = union(instants, tuple((b.sought,) if b and math.isfinite(b.v) else () for b in branches))
     tolerance, iterations = (COARSE_TOLERANCE, int(effort * 120)) if grid.exact else (1e-9, int(effort * 300))
-    shift = None if grid.exact else _first_shift(grid, start, instants)
+    shift = None if grid.exact else _first_shift(grid, start, instants, branches)
     for round_ in range(int(effort * ROUNDS)):
-        program, read = pose(grid, instants, shift, models, reach)
+        program, read = pose(grid, instants, shift, models, reach, branches)
         seconds = max(deadline - time.monotonic(), 0.01)
         solver = Ipopt(program, tolerance=tolerance, seconds=seconds, iterations=iterations)
         answer = solver.solve(read.start(start), near=near)
@@ -87,15 +145,15 @@ def exchange(
         point, said = read.point(answer.x), answer.said
         if point.v > UNBOUNDED and round_ == 0:  # no sample that it sees bounds the objective
             instants = _lowest(grid, start, instants)
-            shift = None if grid.exact else _first_shift(grid, start, instants)
+            shift = None if grid.exact else _first_shift(grid, start, instants, branches)
             continue
-        margins = grid.margins(point)
+        margins = grid.margins(point, branches)
         if margins is None or not answer.solved:
             return Local(point=point, instants=instants, converged=False, said=said)
         added = lowest_below(-VIOLATED - 10 * tolerance, margins, instants, reach=2 if grid.exact else 5)
         settled = grid.exact or _mismatch(margins, instants, answer.g) <= 10 * tolerance
         if added == instants and settled:
-            solved = Solved(answer=answer, instants=instants, shift=shift, models=tuple(models))
+            solved = Solved(answer=answer, instants=instants, shift=shift, models=tuple(models), branches=branches)
             near_ones = pruned(margins, instants, NEAR)
             return Local(point=point, instants=near_ones, converged=True, said=said, solved=solved)
         if time.monotonic() > deadline:
@@ -116,12 +174,12 @@ def _lowest(grid: Grid, start: Point, instants: Instants) -> Instants:
     )
 
 
-def _first_shift(grid: Grid, start: Point, instants: Instants) -> Array | None:
+def _first_shift(grid: Grid, start: Point, instants: Instants, branches: Branches) -> Array | None:
     """What to add to the rows of the first program, measured at the start."""
-    margins = grid.margins(start)
+    margins = grid.margins(start, branches)
     if margins is None:
         return None
-    program, read = pose(grid, instants)
+    program, read = pose(grid, instants, branches=branches)
     rows = ca.Function("rows", [program.x], [program.g])(read.start(start)).full().ravel()
     return _shift(margins, instants, instants, rows, None)
 

@@ -10,6 +10,8 @@ GAINS = ("kp", "kd", "kf")
 GAIN_UNITS = ("N m/rad", "N m s/rad", "m/s")
 MORE = "+"
 """Ends the id of a gain that is to be large: what its lower bound would have to be."""
+BACKOFF = 1e-8
+"""How far inside a requirement, in its scale, the program stays, so that rounding does not break it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +31,7 @@ class Goal:
         """Ids of the limits along a trajectory whose worst value is the objective."""
         if self.id == "contact-force":
             return ("toe-force", "heel-force")
-        return (self.id,) if self.id in ("cop-margin", "torque", "friction") else ()
+        return (self.id,) if self.id in ("cop-margin", "torque", "friction", "torque-rate") else ()
 
     @property
     def gain(self) -> int | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,14 +15,13 @@ from design.analysis.motion import Motion
 from design.analysis.simulate import FALLEN, all_quantities
 from design.model.environment import Steps
 from design.model.limits import Limit
-from problems.gains.goal import FEASIBILITY, Goal
+from problems.gains.approach import Branch, Path, paths
+from problems.gains.goal import BACKOFF, FEASIBILITY, Goal
 from problems.gains.question import Case, Question
 
 Array = NDArray[np.float64]
 Instants = tuple[tuple[int, ...], ...]
-
-BACKOFF = 1e-8
-"""How far inside a requirement, in its scale, the program stays, so that rounding does not break it."""
+Branches = tuple[Branch | None, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,8 +56,14 @@ class Grid:
 
     @cached_property
     def samples(self) -> list[Steps]:
-        """The samples of each case."""
-        return [case.scenario.steps(self.step) for case in self.cases]
+        """The samples of each case; those of the report at full resolution, and the marks too on a coarser grid."""
+        found = [case.scenario.steps(self.step) for case in self.cases]
+        if self.step <= self.question.setting.step:
+            return found
+        return [
+            case.scenario.steps_at(np.append(steps.t, case.marks)) if case.marks else steps
+            for case, steps in zip(self.cases, found, strict=True)
+        ]
 
     @cached_property
     def whole(self) -> list[Motion]:
@@ -85,25 +91,33 @@ class Grid:
         """The same trajectories for a ``question`` that differs in the levels of its requirements alone."""
         found = Grid(question, self.step, self.goal)
         cases = question.cases(self.goal)
-        if [mine.sized for mine in self.cases] == [its.sized for its in cases]:
+        if [self._built(mine) for mine in self.cases] == [self._built(its) for its in cases]:
             vars(found)["cases"] = [
-                Case(name=mine.name, loop=mine.loop, limits=its.limits, scenario=mine.scenario, sized=mine.sized)
+                replace(its, loop=mine.loop, scenario=mine.scenario)
                 for mine, its in zip(self.cases, cases, strict=True)
             ]
             for name in ("samples", "whole", "quantities"):
                 vars(found)[name] = getattr(self, name)
         return found
 
-    def motions(self, instants: Instants) -> list[tuple[Case, Motion, list[int]]]:
-        """Each case's trajectory as a function of (K, v), and where the samples ``instants`` are on its mesh."""
+    def _built(self, case: Case) -> tuple[Any, ...]:
+        """What of a case its samples and functions depend on."""
+        coarse = self.step > self.question.setting.step
+        return case.sized, case.rate is None, case.marks if coarse else ()
+
+    def motions(self, instants: Instants, branches: Branches) -> list[tuple[Case, Motion, list[int]]]:
+        """Each case's trajectory as a function of (K, v), and where the samples ``instants`` are on its mesh.
+
+        After them come those of the branch, the farthest one and the one at the corner.
+        """
+        chosen_ones = [
+            [*chosen, *(() if path is None or branch is None else (branch.farthest, path.to.first))]
+            for chosen, path, branch in zip(instants, self.paths, branches, strict=True)
+        ]
         if self.exact:
-            return [
-                (case, motion, list(chosen))
-                for case, motion, chosen in zip(self.cases, self.whole, instants, strict=True)
-            ]
+            return list(zip(self.cases, self.whole, chosen_ones, strict=True))
         found = []
-        for case, steps, chosen in zip(self.cases, self.samples, instants, strict=True):
-            seen = list(chosen)
+        for case, steps, seen in zip(self.cases, self.samples, chosen_ones, strict=True):
             times = np.concatenate([case.scenario.steps(self.question.coarse_step).t, steps.t[seen]])
             mesh = case.scenario.steps_at(times)
             after_jump = np.array([k > 0 and steps.t[k] == steps.t[k - 1] for k in seen], dtype=bool)
@@ -116,8 +130,31 @@ class Grid:
         return tuple(tuple(sorted({int(k) for k in np.linspace(0, len(steps.t) - 1, count)})) for steps in self.samples)
 
     @cached_property
+    def paths(self) -> list[Path | None]:
+        """The approach to the final posture in each case; None where nothing is asked of it."""
+        return paths(self.question, self.goal, self.cases, self.samples)
+
+    def branches(self, point: Point, *, wide: bool = True) -> Branches | None:
+        """The smooth branch of the approach at ``point``, in each case; None if the biped falls."""
+        if not any(self.paths):
+            return tuple(None for _ in self.cases)
+        found = self._evaluated(point)
+        return None if found is None else self._branches([theta for theta, *_ in found], wide=wide)
+
+    def _branches(self, thetas: list[Array], *, wide: bool = True) -> Branches:
+        """The objective is asked from the longest settling time on, everywhere."""
+        both = list(zip(self.paths, thetas, strict=True))
+        T = max((path.settling(theta[0])[1] for path, theta in both if path is not None), default=0.0)
+        return tuple(None if path is None else path.branch(theta[0], T, wide=wide) for path, theta in both)
+
+    def kept(self, v: float, branches: Branches) -> float:
+        """The objective at an answer where the program says ``v`` and the branches are these."""
+        sought = min((branch.v for branch in branches if branch is not None), default=math.inf)
+        return sought if self.goal.id == "settling" else min(v, sought)
+
+    @cached_property
     def quantities(self) -> list[ca.Function]:
-        """For each case: (K, v) -> theta and the quantities of all limits, a row each, at all samples."""
+        """For each case: (K, v) -> theta and the quantities of all that is asked, a row each, at all samples."""
         p = ca.MX.sym("p", 4)
         found = []
         for case, motion in zip(self.cases, self.whole, strict=True):
@@ -126,23 +163,57 @@ class Grid:
             n = z.size2()
             tau = case.loop.torque.map(n)(z, ca.repmat(p[:3], 1, n))
             rows = stacked.map(n)(z[:2, :], tau, motion.force(None, p))
+            if case.rate is not None:
+                rows = ca.vertcat(rows, case.rate.quantity.map(n)(z, motion.force(None, p), ca.repmat(p[:3], 1, n)))
             found.append(ca.Function("quantities", [p], [ca.vertcat(z[0, :], rows)]))
         return found
 
-    def margins(self, point: Point) -> list[Array] | None:
-        """All rows of the program at all samples, scaled, per case (rows, n); None if the biped falls."""
+    def _evaluated(self, point: Point) -> list[list[Array]] | None:
+        """Theta and the quantities at all samples, per case; None if the biped falls."""
         found = []
         for case, function in zip(self.cases, self.quantities, strict=True):
-            ends = np.cumsum([1, *(limit.quantity.size1_out(0) for limit in case.limits)])
-            theta, *parts = np.vsplit(function(point.p).full(), ends[:-1])
-            if not (np.isfinite(theta).all() and np.abs(theta).max() < FALLEN):
+            ends = np.cumsum([1, *(limit.quantity.size1_out(0) for limit in case.along)])
+            parts = np.vsplit(function(point.p).full(), ends[:-1])
+            if not (np.isfinite(parts[0]).all() and np.abs(parts[0]).max() < FALLEN):
                 return None
+            found.append(parts)
+        return found
+
+    def margins(self, point: Point, branches: Branches | None = None) -> list[Array] | None:
+        """All rows of the program at all samples, scaled, per case (rows, n); None if the biped falls.
+
+        On the smooth ``branches`` of the approach, or on those of the point itself.
+        """
+        evaluated = self._evaluated(point)
+        if evaluated is None:
+            return None
+        if branches is None:
+            branches = self._branches([theta for theta, *_ in evaluated])
+        found = []
+        for case, path, branch, (theta, *parts) in zip(self.cases, self.paths, branches, evaluated, strict=True):
             rows = [
                 row
-                for limit, quantity in zip(case.limits, parts, strict=True)
+                for limit, quantity in zip(case.along, parts, strict=True)
                 for row in self.rows(case, limit, quantity, point.v)
             ]
+            if path is not None and branch is not None:
+                e = theta - path.to.theta_f
+                far, first = e[0, branch.farthest], e[0, path.to.first]
+                rows += path.rows(branch, np.arange(e.size), e, None, far, first, point.v)
             found.append(np.vstack(rows))
+        return found
+
+    def names(self) -> list[list[str]]:
+        """The id of each row of ``margins``, per case."""
+        found = []
+        for case, path in zip(self.cases, self.paths, strict=True):
+            own = [
+                limit.id
+                for limit in case.along
+                for row in self.rows(case, limit, np.zeros((limit.quantity.size1_out(0), 1)), 0.0)
+                for _ in row
+            ]
+            found.append(own + ([] if path is None else path.names))
         return found
 
     def rows(self, case: Case, limit: Limit, quantity: Any, v: Any) -> list[Any]:

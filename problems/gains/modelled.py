@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.analysis.objectives import OBJECTIVES
+from problems.gains.approach import asked
 from problems.gains.goal import Goal
-from problems.gains.grid import BACKOFF
 from problems.gains.held import held
 from problems.gains.model import Model
 from problems.gains.pieces import MODELLED, Piece, Pieces, values
@@ -35,28 +35,12 @@ SHRINKS = (1.0, 0.1, 0.01, 1e-3)
 
 def wanted(question: Question, goal: Goal) -> tuple[str, ...]:
     """Ids of the modelled rows that the program needs."""
-    return tuple(
-        id
-        for id in MODELLED
-        if question.level(id) is not None or id == goal.id or (goal.id == "goals" and question.wish(id) is not None)
-    )
+    return tuple(id for id in MODELLED if question.asks(goal, id))
 
 
 def margins(question: Question, goal: Goal, id: str, value: Any, *, gap: bool = False) -> list[tuple[Any, float]]:
     """(margin, 1 if v is to be subtracted, else 0), as ``grid.limit_rows`` has them, for a row's ``value``."""
-    if gap:
-        return [(value - OPEN, 0.0)]
-    sign = OBJECTIVES[id].sign
-    level, wish = question.level(id), question.wish(id)
-    found: list[tuple[Any, float]] = []
-    if id == goal.id:
-        found.append((sign * value / goal.scale, 1.0))
-    elif level is not None:
-        margin = sign * (value - level) / question.size_of(id)
-        found.append((margin, 1.0) if goal.id == "feasibility" else (margin - BACKOFF, 0.0))
-    elif goal.id == "goals" and wish is not None:
-        found.append((sign * (value - wish) / question.size_of(id), 1.0))
-    return found
+    return [(value - OPEN, 0.0)] if gap else asked(question, goal, id, value)
 
 
 def rows(question: Question, goal: Goal, model: Model, u: Any, v: Any) -> list[Any]:

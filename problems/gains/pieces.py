@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 
 from design.analysis.further import MARGINS
 from design.analysis.objectives import OBJECTIVES
-from design.analysis.simulate import simulate
 from design.analysis.slope_rate import peak_gain
-from design.analysis.transient import torque_rate, transient
 from design.model.broken_loop import Break, breaks
 from design.model.laws import Gains
 from design.model.margins import margin_pieces, near_crossings
@@ -47,8 +45,7 @@ Pieces = dict[tuple[str, int, bool], list[Piece]]
 """By row, place (environment or scenario) and whether they are gaps."""
 
 LOOP = tuple(row for row, *_ in MARGINS)
-RUNS = ("torque-rate", "settling", "overshoot", "posture-error")
-MODELLED = (*LOOP, "sample-time", "slope-rate", *RUNS)
+MODELLED = (*LOOP, "sample-time", "slope-rate")
 LAGS = {"phase-margin": "actuator", "delay-margin": "actuator", "force-delay-margin": "force",
         "angle-delay-margin": "angle"}  # fmt: skip
 """Rows that jump where |L| begins to cross 1, and where their loop is broken."""
@@ -66,25 +63,6 @@ def values(question: Question, ids: Sequence[str], K: Array, step: float) -> Pie
             found |= {(id, k, gap): pieces for (id, gap), pieces in _linear(each, ids, gains).items()}
     except (ValueError, np.linalg.LinAlgError):
         return None
-    runs = [id for id in ids if id in RUNS]
-    if runs:
-        place = 0
-        for world in question.worlds:
-            for scenario in world.scenarios:
-                loop = world.under(scenario).loop()
-                run = simulate(loop, scenario, gains, step)
-                if run.fallen is not None:
-                    return None
-                end = transient(loop, scenario, run)
-                read = {
-                    "settling": end.settling,
-                    "overshoot": math.degrees(end.overshoot),
-                    "posture-error": math.degrees(end.error),
-                }
-                if "torque-rate" in runs:
-                    read["torque-rate"] = float(np.abs(torque_rate(loop, gains, run)).max())
-                found |= {(id, place, False): [Piece(0.0, read[id])] for id in runs}
-                place += 1
     return found
 
 

@@ -66,7 +66,7 @@ def _rows(grid: Grid, solved: Solved, id: str, level: float) -> Array:
     setting = grid.question.setting
     moved = replace(setting, required={**setting.required, id: Required(level=level, soft=setting.required[id].soft)})
     other = grid.asking(Question(moved, grid.question.worlds[1:]))
-    program, _ = pose(other, solved.instants, solved.shift, solved.models)
+    program, _ = pose(other, solved.instants, solved.shift, solved.models, branches=solved.branches)
     return np.asarray(ca.Function("rows", [program.x], [program.g])(solved.answer.x).full().ravel())
 
 

@@ -16,13 +16,18 @@ from numpy.typing import NDArray
 from design.model.laws import Gains
 from design.model.stability import shifted
 from design.solvers.nlp import Nlp
-from problems.gains.goal import Goal
-from problems.gains.grid import BACKOFF, Grid, Instants, Point
+from problems.gains.goal import BACKOFF, Goal
+from problems.gains.grid import Branches, Grid, Instants, Point
 from problems.gains.model import Model
 from problems.gains.modelled import rows as model_rows
 from problems.gains.question import SURVIVALS, Environment, Question
 
 Array = NDArray[np.float64]
+
+VANISHING = ("overshoot", "posture-error")
+"""Objectives of which there may be none, over a whole region of gains."""
+NONE = 1e-6
+"""How much of them, in their scale, counts as none."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,16 +84,18 @@ def pose(
     shift: Array | None = None,
     models: Sequence[Model] = (),
     reach: tuple[Array, float] | None = None,
+    branches: Branches | None = None,
 ) -> tuple[Nlp, Read]:
     """The program that sees the samples ``instants`` of each case; ``shift`` is added to its sampled rows.
 
     The sampled rows come first: by case, then by sample, then in the order of ``Grid.margins``. ``models`` are of
     the rows that are not sampled; with ``reach`` = (u, radius) the gains stay so near to u, in their scale.
+    ``branches`` of the approach to the final posture, where something is asked of it.
     """
     question, goal = grid.question, grid.goal
     u, v = ca.MX.sym("u", 3), ca.MX.sym("v")
     K = u * ca.DM(question.scale)
-    rows = _sampled(grid, instants, K, v)
+    rows = _sampled(grid, instants, branches or tuple(None for _ in instants), K, v)
     if shift is not None and rows:
         rows = [ca.vertcat(*rows) + ca.DM(shift)]
     rows += [row for each in models for row in model_rows(question, goal, each, u, v)]
@@ -117,19 +124,28 @@ def pose(
     return program, Read(question=question, goal=goal)
 
 
-def _sampled(grid: Grid, instants: Instants, K: ca.MX, v: ca.MX) -> list[Any]:
+def _sampled(grid: Grid, instants: Instants, branches: Branches, K: ca.MX, v: ca.MX) -> list[Any]:
     """The rows of the limits at ``instants``, a column of them for each case."""
     rows, p = [], ca.vertcat(K, v)
-    for case, motion, chosen in grid.motions(instants):
+    motions = grid.motions(instants, branches)
+    for (case, motion, at), chosen, path, branch in zip(motions, instants, grid.paths, branches, strict=True):
         if not chosen:
             continue
         n = len(chosen)
-        z = motion.states(chosen)(p[: motion.free])
-        F = motion.force(chosen, p)
+        states = motion.states(at)(p[: motion.free])
+        z, F = states[:, :n], motion.force(at[:n], p)
         tau = case.loop.torque.map(n)(z, ca.repmat(K, 1, n))
         parts = [
             part for limit in case.limits for part in grid.rows(case, limit, limit.quantity.map(n)(z[:2, :], tau, F), v)
         ]
+        if case.rate is not None:
+            parts += grid.rows(case, case.rate, case.rate.quantity.map(n)(z, F, ca.repmat(K, 1, n)), v)
+        if path is not None and branch is not None:
+            e = states[0, :] - path.to.theta_f
+            moved = grid.question.level("settling") not in (None, branch.T)
+            parts += path.rows(
+                branch, np.array(chosen), e[:, :n], z[1, :] if moved else None, e[:, n], e[:, n + 1], v
+            )  # fmt: skip
         if parts:
             rows.append(ca.vec(ca.vertcat(*parts)))
     return rows
@@ -169,4 +185,6 @@ def objective_range(question: Question, goal: Goal) -> tuple[float, float]:
         return (question.level(goal.id) or 0.0) / goal.scale + BACKOFF, np.inf
     level = question.level(goal.id)
     least, most = (0.0, 1.5) if goal.id in SURVIVALS else (-np.inf, np.inf)  # in parts of the physical limit
+    if goal.id in VANISHING:
+        most = -NONE if level is None else max(-NONE, 0.5 * goal.v(level))
     return (least, most) if level is None else (max(least, goal.v(level) + BACKOFF), most)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +17,7 @@ from design.analysis.motion import Sized
 from design.analysis.objectives import OBJECTIVES, shortfall
 from design.analysis.rows import Verdict
 from design.analysis.survival import HORIZON, lopsided, push_limit, slope_limit
+from design.analysis.transient import torque_rate_of
 from design.errors import BadInput
 from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario, slope
@@ -31,6 +33,8 @@ Array = NDArray[np.float64]
 COARSEST = 0.01
 """Longest step of the coarse time grid [s]."""
 SURVIVALS = ("step-slope", "push")
+APPROACH = ("settling", "overshoot", "posture-error")
+"""Rows of the approach to the final posture (``problems.gains.approach``)."""
 RESOLUTION = 1.1e-4
 """Part of the physical limit by which the report's largest disturbance may be below the true one: it is bisected."""
 KNOWN = 9
@@ -39,13 +43,25 @@ KNOWN = 9
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Case:
-    """One body in one scenario, or under a disturbance that is ``sized`` by the program."""
+    """One body in one scenario, or under a disturbance that is ``sized`` by the program.
+
+    ``limits``: what is asked of (x, tau, F) along the trajectory; ``rate``: of the torque's rate, a function of the
+    whole state, (z (n), F (2), K (3)) -> dtau/dt and its negative. ``marks``: times [s] that a coarse grid has as
+    samples too.
+    """
 
     name: str
     loop: ClosedLoop
     limits: tuple[Limit, ...]
     scenario: Scenario
     sized: Sized | None = None
+    rate: Limit | None = None
+    marks: tuple[float, ...] = ()
+
+    @property
+    def along(self) -> tuple[Limit, ...]:
+        """All that is asked along the trajectory."""
+        return self.limits if self.rate is None else (*self.limits, self.rate)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -95,6 +111,10 @@ class Question:
         wish = self.setting.required.get(id)
         return wish.level if wish is not None and wish.soft else None
 
+    def asks(self, goal: Goal, id: str) -> bool:
+        """Whether row ``id`` is in the program of that ``goal``."""
+        return self.level(id) is not None or id == goal.id or (goal.id == "goals" and self.wish(id) is not None)
+
     @property
     def decay(self) -> float:
         """The decay rate that must be kept [1/s]; a trace above 0, since poles on the axis are not stable."""
@@ -142,13 +162,19 @@ class Question:
     def cases(self, goal: Goal) -> list[Case]:
         """Every body in every scenario, and under the disturbances that it must survive, or that are to be large."""
         found = []
+        settled = self.level("settling")
         for world in self.worlds:
             loops = {False: world.loop(), True: world.in_a_field().loop()}
             own = {field: self._limits(loop, world.required, field=field) for field, loop in loops.items()}
+            rates = {field: self._rate(loop) for field, loop in loops.items()}
             found += [
-                Case(name=each.name, loop=loops[each.field], limits=own[each.field], scenario=each)
+                Case(
+                    name=each.name, loop=loops[each.field], limits=own[each.field], scenario=each,
+                    rate=rates[each.field] if self.asks(goal, "torque-rate") else None,
+                    marks=() if settled is None else (each.steady_from + settled,),
+                )
                 for each in world.scenarios
-            ]
+            ]  # fmt: skip
             watched = slope(world.biped, name="", angle=0.1, ramp=0.0, duration=HORIZON)
             for kind in SURVIVALS:
                 loop = loops[kind == "step-slope"]
@@ -162,6 +188,15 @@ class Question:
     def _limits(self, loop: ClosedLoop, required: dict[str, Required], *, field: bool) -> tuple[Limit, ...]:
         scales = {limit.id: limit.scale for limit in self.limits}
         return tuple(replace(limit, scale=scales[limit.id]) for limit in limits(loop.plant, required, field=field))
+
+    def _rate(self, loop: ClosedLoop) -> Limit:
+        z, F, K = ca.SX.sym("z", loop.size), ca.SX.sym("F", 2), ca.SX.sym("K", 3)
+        rate = torque_rate_of(loop)(z, F, K)
+        return Limit(
+            id="torque-rate", equation="(10)", unit="N m/s", scale=self.scale_of("torque-rate"), sense="at most",
+            quantity=ca.Function("rate", [z, F, K], [ca.vertcat(rate, -rate)]),
+            required=self.setting.required.get("torque-rate"), why="the actuator cannot follow",
+        )  # fmt: skip
 
     def _sized(self, kind: str, goal: Goal, side: float) -> Sized | None:
         unit = side * (np.pi / 180 if kind == "step-slope" else 1.0)

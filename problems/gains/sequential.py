@@ -19,6 +19,7 @@ from problems.gains.exchange import Local, exchange
 from problems.gains.grid import Grid, Instants, Point
 from problems.gains.model import Model
 from problems.gains.modelled import margins, modelled, wanted
+from problems.gains.modelled import rows as model_rows
 from problems.gains.pieces import values
 
 Array = NDArray[np.float64]
@@ -36,6 +37,12 @@ WORSE = 1e-3
 """How much more of the modelled rows the first step may violate than the start does, in their scale."""
 SETTLED = 1e-7
 """Gain in v that is not worth another step."""
+RELEASES = 3
+"""Times that models which do not hold the optimum are dropped to look for a better one."""
+INACTIVE = 1e-5
+"""Margin of a modelled row, in its scale, from which it does not hold the optimum."""
+RELEASED = 0.1
+"""Half-width of the box in which a better one is looked for while other models remain, in the scale of the gains."""
 WALK = 0.05
 """Half-width of the box that a walk begins with, in the scale of the gains."""
 SMALLEST = 1e-7
@@ -55,6 +62,48 @@ def optimise(
         return (
             exchange(grid, start, instants, deadline, near=near) if not stay else _walk(grid, start, instants, deadline)
         )
+    found = _trusted(grid, start, instants, deadline, near)
+    for _ in range(RELEASES):
+        better = _released(grid, found, deadline)
+        if better is None:
+            break
+        found = _trusted(grid, better.point, better.instants, deadline, True)
+    return found
+
+
+def _released(grid: Grid, found: Local, deadline: float) -> Local | None:
+    """A better optimum near ``found`` without the models of those requirements that do not hold it; None if none is.
+
+    Far from its point a model may cut off what its row allows. What the row truly is at the new point decides.
+    """
+    if not found.converged or found.solved is None or time.monotonic() > deadline:
+        return None
+    here = np.array(found.point.gains) / grid.question.scale
+    held = [model for model in found.solved.models if not _inactive(grid, model, here)]
+    if len(held) == len(found.solved.models):
+        return None
+    reach = (here, RELEASED) if held else None
+    other = exchange(grid, found.point, found.instants, deadline, near=True, models=held, reach=reach)
+    if not other.converged or other.point.v <= found.point.v + SETTLED * (1 + abs(found.point.v)):
+        return None
+    there = np.array(other.point.gains) / grid.question.scale
+    trial = modelled(grid.question, grid.goal, there, grid.step)
+    if trial is None:
+        return None
+    v, missing = _truth(grid, trial, there, other.point.v)
+    better = missing <= SETTLED and v > found.point.v + SETTLED * (1 + abs(v))
+    return replace(other, point=replace(other.point, v=v)) if better else None
+
+
+def _inactive(grid: Grid, model: Model, u: Array) -> bool:
+    """Whether a ``model`` of a requirement says at the optimum ``u`` that the row is met with room to spare."""
+    if model.gap or any(of for _, of in margins(grid.question, grid.goal, model.id, model.value)):
+        return False
+    return all(float(row) > INACTIVE for row in model_rows(grid.question, grid.goal, model, u, 0.0))
+
+
+def _trusted(grid: Grid, start: Point, instants: Instants, deadline: float, near: bool) -> Local:
+    """The optimum by models that are trusted as far as they held."""
     question = grid.question
     here = np.array(start.gains) / question.scale
     models = modelled(question, grid.goal, here, grid.step)

@@ -111,10 +111,12 @@ def _lowest(grid: Grid, K: ca.MX) -> ca.MX:
     required: list[ca.MX] = [ca.MX(10.0)]
     objective: list[ca.MX] = [ca.MX(10.0)]
     v = 0.5 if grid.goal.id in SURVIVALS else 0.0
-    for case, function in zip(grid.cases, grid.quantities, strict=True):
-        ends = np.cumsum([1, *(limit.quantity.size1_out(0) for limit in case.limits)])
-        parts = ca.vertsplit(function(ca.vertcat(K, v)), [0, *map(int, ends)])[1:]
-        for limit, part in zip(case.limits, parts, strict=True):
+    for case, path, function in zip(grid.cases, grid.paths, grid.quantities, strict=True):
+        ends = np.cumsum([1, *(limit.quantity.size1_out(0) for limit in case.along)])
+        theta, *parts = ca.vertsplit(function(ca.vertcat(K, v)), [0, *map(int, ends)])
+        for row, of in () if path is None else path.lowest(theta):
+            (objective if of else required).append(row)
+        for limit, part in zip(case.along, parts, strict=True):
             for row, of in limit_rows(grid.question, grid.goal, case, limit, ca.vec(part)):
                 hard = not of and not (case.sized and case.sized.rate)
                 (required if hard else objective).append(ca.mmin(row))

@@ -19,7 +19,7 @@ from problems import gains as nominal
 from problems.gains.goal import Goal
 from problems.gains.grid import Point
 from problems.gains.question import Question
-from problems.robust.worst import INSIDE, Weak, named, runs, sampled_margins, weakest, world
+from problems.robust.worst import INSIDE, Weak, named, path_ids, runs, sampled_margins, weakest, world
 
 Say = Callable[[str], None]
 
@@ -130,9 +130,13 @@ def _tried(question: Question, goal: Goal, gains: Gains, v: float, shares: np.nd
     setting = question.setting
     kept, worst = np.ones(len(shares), dtype=bool), math.inf
     for scenario in setting.scenarios:
-        its = sampled_margins(question, goal, v, runs(setting, scenario, gains, shares, max(setting.step, TRIAL)))
+        happened = runs(
+            setting, scenario, gains, shares, max(setting.step, TRIAL), paths=bool(path_ids(question, goal))
+        )
+        its = sampled_margins(question, goal, v, happened)
         for id, margin in its.items():
-            slack = FOUND if id in goal.limits and math.isfinite(v) else 1e-7
+            claimed = id in goal.limits and math.isfinite(v)
+            slack = FOUND if claimed or id in path_ids(question, goal) else 1e-7
             kept &= margin >= -slack
             worst = min(worst, float(margin.min()))
     return int((~kept).sum()), worst

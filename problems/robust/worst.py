@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 from design.analysis.many import Extremes, extremes
 from design.analysis.spread import in_box
 from design.analysis.survival import HORIZON, push, step_slope
+from design.analysis.transient import BAND
 from design.model.environment import Scenario, slope
 from design.model.laws import Gains
 from design.model.uncertainty import Spread, Tolerances
 from design.spec.setting import Setting
+from problems.gains.approach import BANDS, asked
 from problems.gains.goal import Goal
 from problems.gains.modelled import margins, wanted
 from problems.gains.pieces import values
-from problems.gains.question import SURVIVALS, Question, environments
+from problems.gains.question import APPROACH, SURVIVALS, Question, environments
 
 Array = NDArray[np.float64]
 
@@ -70,12 +72,13 @@ def world(setting: Setting, shares: Sequence[float], scenario: str | None = None
 
 
 def runs(
-    setting: Setting, scenario: Scenario, gains: Gains, shares: Array, step: float, impulse: float = 0.0
-) -> Extremes:
-    """The runs of many bodies of the box through one scenario."""
+    setting: Setting, scenario: Scenario, gains: Gains, shares: Array, step: float, impulse: float = 0.0,
+    paths: bool = False,
+) -> Extremes:  # fmt: skip
+    """The runs of many bodies of the box through one scenario; with ``paths``, how they come to their final posture."""
     return extremes(
         setting.under(scenario).biped, setting.law, gains, scenario, setting.tolerances, shares, step=step,
-        theta_d=setting.theta_d, target=setting.target, adapt=setting.adapt, impulse=impulse,
+        theta_d=setting.theta_d, target=setting.target, adapt=setting.adapt, impulse=impulse, paths=paths,
     )  # fmt: skip
 
 
@@ -97,17 +100,50 @@ def sampled_margins(question: Question, goal: Goal, v: float, found: Extremes) -
             rows.append(limit.margin(value, limit.required.level) / question.size_of(id) - v)
         if rows:
             margins[limit.id] = np.min(rows, axis=0)
-    return margins
+    return margins | {id: margin for id in path_ids(question, goal) for margin in _path(question, goal, v, found, id)}
+
+
+def path_ids(question: Question, goal: Goal) -> list[str]:
+    """Those rows of the program that are about the whole of a run."""
+    return [id for id in (*APPROACH, "torque-rate") if question.asks(goal, id)]
+
+
+def _path(question: Question, goal: Goal, v: float, found: Extremes, id: str) -> list[Array]:
+    """The margin (N,) of such a row, none where the objective has no value."""
+    if id == "torque-rate":
+        pairs = asked(question, goal, id, found.rate)
+    elif found.paths is None:
+        return []
+    elif id == "settling":
+        band = BAND * found.paths.farthest
+        return [
+            np.where(np.isfinite(band), (band - found.paths.distance(T)) / (BANDS * np.maximum(band, 1e-9)), -1.0)
+            for T in _longest(question, goal, v)
+        ]
+    else:
+        value = found.paths.overshoot() if id == "overshoot" else found.paths.error
+        pairs = asked(question, goal, id, np.degrees(value))
+    return [row - of * v if of else row for row, of in pairs if not of or math.isfinite(v)]
+
+
+def _longest(question: Question, goal: Goal, v: float) -> list[float]:
+    """The settling time [s] that is required, or that the objective ``v`` is."""
+    level, wish = question.level("settling"), question.wish("settling")
+    if goal.id == "settling":
+        return [max(goal.value(v), 0.0)] if math.isfinite(v) else []
+    if level is not None:
+        return [level]
+    return [max(wish - v * question.size_of("settling"), 0.0)] if wish is not None and math.isfinite(v) else []
 
 
 def _along(
     question: Question, goal: Goal, v: float, scenario: Scenario, gains: Gains, points: Array, step: float
 ) -> list[Weak]:
     """The worst points of the rows along the runs through ``scenario``."""
-    setting = question.setting
+    setting, paths = question.setting, bool(path_ids(question, goal))
 
     def all_margins(shares: Array) -> dict[str, Array]:
-        return sampled_margins(question, goal, v, runs(setting, scenario, gains, shares, step))
+        return sampled_margins(question, goal, v, runs(setting, scenario, gains, shares, step, paths=paths))
 
     first = all_margins(points)
     found = []

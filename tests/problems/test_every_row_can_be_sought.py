@@ -39,6 +39,7 @@ def _with(objective, **levels):
         pytest.param(_with("push", contact_force=60.0), marks=pytest.mark.slow),
         pytest.param(_with("sample-time", contact_force=150.0), marks=pytest.mark.slow),
         pytest.param(_with("overshoot", contact_force=100.0), marks=pytest.mark.slow),
+        pytest.param(_with("settling", contact_force=185.0), marks=pytest.mark.slow),
         pytest.param(_with("gain-margin-down", contact_force=150.0, phase_margin=50.0), marks=pytest.mark.slow),
     ],
     ids=lambda problem: problem.objective,
@@ -76,6 +77,19 @@ def test_a_requirement_of_any_kind_is_kept_and_costs(levels):
     assert found.value < free.value
     rows = {row.id: row for row in judge(_with("contact-force", **levels), found.gains).rows}
     assert min(abs(rows[name.replace("_", "-")].margin / level) for name, level in levels.items()) < 1e-3  # it binds
+
+
+@pytest.mark.slow
+def test_a_requirement_that_is_kept_anyway_costs_nothing():
+    problem = _with("contact-force", decay_rate=4.0)
+    free = solve(problem).outcome.value
+    ids = ("delay-margin", "sample-time", "overshoot", "torque-rate")
+    rows = {row.id: row for row in judge(problem, free.gains, also=ids).rows}
+    for id in ids:
+        loose = rows[id].value * (0.8 if OBJECTIVES[id].sign > 0 else 1.25)
+        level = {id: Required(level=loose)}
+        found = solve(replace(problem, required={**problem.required, **level})).outcome.value
+        assert found.value >= free.value - 1e-6 * problem.biped.weight
 
 
 def test_goals_are_met_when_below_one_and_the_worst_ones_are_alike():

@@ -17,7 +17,9 @@ from problems.gains import Grid, Point, Question, pose
 from problems.gains.modelled import modelled
 
 SLOPE = setting(load("slope").spec)
-WISHES = {"contact-force": 100.0, "decay-rate": 8.0, "delay-margin": 0.02, "step-slope": 6.0, "torque": 40.0}
+WISHES = {"contact-force": 100.0, "decay-rate": 8.0, "delay-margin": 0.02, "step-slope": 6.0, "torque": 40.0,
+          "settling": 1.0, "overshoot": 0.1, "posture-error": 0.1, "torque-rate": 90.0}  # fmt: skip
+APPROACH = {"settling": 0.8, "overshoot": 0.1, "posture-error": 0.1, "torque-rate": 90.0}
 
 
 @pytest.mark.parametrize(
@@ -33,6 +35,10 @@ WISHES = {"contact-force": 100.0, "decay-rate": 8.0, "delay-margin": 0.02, "step
         "push",
         "delay-margin",
         "settling",
+        "overshoot",
+        "posture-error",
+        "torque-rate",
+        "approach",
         "sample-time",
         "kp",
         "goals",
@@ -40,14 +46,17 @@ WISHES = {"contact-force": 100.0, "decay-rate": 8.0, "delay-margin": 0.02, "step
 )
 def test_first_and_second_derivatives_match_finite_differences(goal):
     wishes = {name: Required(level=level, soft=True) for name, level in WISHES.items()} if goal == "goals" else {}
+    if goal == "approach":
+        goal, wishes = "contact-force", {name: Required(level=level) for name, level in APPROACH.items()}
     question = Question(replace(SLOPE, required={**SLOPE.required, **wishes}))
     grid = Grid(question, 0.01, question.goal(goal))
+    at = Point(gains=Gains(3000.0, 900.0, 5.0), v=0.1)
     seen = ((50, 300, 501, 900), (0, 20, 500)) if goal in ("step-slope", "push") else ((50, 300, 501, 900),)
     seen = (*seen, (10, 40)) if goal == "goals" else seen
     u = np.array([0.8, 0.7, 0.3])
     models = modelled(question, grid.goal, u, 0.01) or []
-    program, read = pose(grid, seen, models=models)
-    x0 = read.start(Point(gains=Gains(3000.0, 900.0, 5.0), v=0.1))
+    program, read = pose(grid, seen, models=models, branches=grid.branches(at))
+    x0 = read.start(at)
     lam = ca.MX.sym("lam", program.g.numel())
     lagrangian = program.f + ca.dot(lam, program.g)
     gradient = ca.gradient(lagrangian, program.x)

@@ -93,7 +93,8 @@ class Synthesis:
 class Relaxation:
     """What would make the rest feasible: ``enough`` instead of ``given``, in ``unit``.
 
-    ``id`` is a requirement, or a gain whose upper or lower bound is meant (``bound``).
+    ``id`` is a requirement, or a gain whose upper or lower bound is meant (``bound``). ``design``: gains that were
+    checked to meet everything else, and this as far as ``enough``.
     """
 
     id: str
@@ -101,6 +102,7 @@ class Relaxation:
     given: float
     enough: float
     unit: str
+    design: Gains
 
     def __str__(self) -> str:
         if self.bound:
@@ -113,16 +115,18 @@ class Relaxation:
 
 @dataclass(frozen=True, kw_only=True)
 class WhyNot:
-    """``conflict``: requirements that cannot be met together, while they can without any one of them.
+    """``conflict``: requirements that no design was found to meet together, while one was without any one of them.
 
-    Empty where contact and stability alone are out of reach. Not ``minimal`` where time ran out before it was found,
-    not ``complete`` where it ran out before all ``relaxations`` were; each of these alone is enough.
+    Empty where none was found for contact and stability alone. Not ``minimal`` where time ran out before it was known,
+    not ``complete`` where it ran out before all ``relaxations`` were; each of these alone is enough. ``feasible``:
+    designs met on the way that keep every requirement after all. Nothing here is a proof: ``Outcome.proof`` is.
     """
 
     conflict: tuple[str, ...]
     minimal: bool
     complete: bool
     relaxations: tuple[Relaxation, ...]
+    feasible: tuple[Gains, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -130,7 +134,8 @@ class Answer:
     """The outcome, and what was found on the way; ``why`` not, where it was asked.
 
     ``missed``: rows at the nearest miss, where nothing was solved. ``given``: the objective at the spec's own gains.
-    ``points`` of the box of [uncertainty] that were asked for too.
+    ``points`` of the box of [uncertainty] that were asked for too. ``best``: the best design that was checked to keep
+    every requirement, where the search ended before its optimality was; no result of a solved outcome.
     """
 
     outcome: Outcome[Synthesis]
@@ -139,3 +144,4 @@ class Answer:
     given: float | None = None
     why: WhyNot | None = None
     points: tuple[BoxPoint, ...] = ()
+    best: Synthesis | None = None

@@ -50,7 +50,7 @@ def bracket(
     """
     check(setting)
     begun = time.monotonic()
-    question = Question(setting)
+    question = Question(setting, reach=math.inf)  # what is said of all gains is asked of all gains
     goal = question.goal(setting.objective)
     keeper = _Keeper(setting, goal, question, synthesis, begun + seconds, say)
     best = goal.v(synthesis.value)

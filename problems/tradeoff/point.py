@@ -90,7 +90,7 @@ class Designer:
         It starts at ``gains``, where the margin is thought to be ``value``; ``near``: at full resolution at once.
         """
         required = {**self.setting.required, **{other: Required(level=level) for other, level in levels.items()}}
-        question = Question(replace(self.setting, objective=id, required=required))
+        question = self._question.asking(replace(self.setting, objective=id, required=required))
         goal = question.goal(id)
         fine, coarse = (grid.asking(question) for grid in self._bases(id))
         point = Point(gains=Gains(*np.clip(np.array(gains), question.lower, question.upper)), v=goal.v(value))
@@ -117,12 +117,12 @@ class Designer:
             own = self._question.level("decay-rate")
             level = required["decay-rate"].level - BLURRED * question.pace
             required["decay-rate"] = Required(level=level if own is None else max(level, own))
-        return Question(replace(question.setting, required=required))
+        return question.asking(replace(question.setting, required=required))
 
     def _bases(self, id: str) -> tuple[Grid, Grid]:
         """The grids at full resolution and coarse whose trajectories the questions about this margin share."""
         if id not in self._grids:
-            question = Question(replace(self.setting, objective=id))
+            question = self._question.asking(replace(self.setting, objective=id))
             goal = question.goal(id)
             self._grids[id] = (
                 Grid(question, question.setting.step, goal),

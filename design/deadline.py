@@ -28,6 +28,16 @@ def deadline(at: float) -> Iterator[None]:
         _ends.reset(token)
 
 
+def ends() -> float:
+    """The deadline on the clock of ``time.monotonic()`` [s]; infinite where none is set."""
+    return _ends.get()
+
+
+def left() -> float:
+    """The seconds left; at least 0."""
+    return max(_ends.get() - time.monotonic(), 0.0)
+
+
 def check() -> None:
     """Raise ``OutOfTime`` if the deadline has passed."""
     if time.monotonic() > _ends.get():

@@ -90,11 +90,23 @@ def _sought(problem: Setting, search: Search, say: Callable[[str], None]) -> tup
 
         answer = sensitivity.checked(problem, answer, seconds=left, say=say)
     if search.why_not and answer.outcome.status in (Status.NOT_FOUND, Status.INFEASIBLE) and problem.bounds is not None:
-        from problems import whynot
-
-        beside = [robust.world(problem, point.shares, point.scenario) for point in answer.points]
-        answer = replace(answer, why=whynot.solve(problem, beside=beside, seconds=left, say=say))
+        answer = _explained(problem, answer, search, began + search.time_limit, say)
     return answer, found
+
+
+def _explained(problem: Setting, answer: Answer, search: Search, end: float, say: Callable[[str], None]) -> Answer:
+    """The answer with why not; or a better one, where looking for that met a design that keeps every requirement."""
+    from problems import robust, whynot
+
+    beside = [robust.world(problem, point.shares, point.scenario) for point in answer.points]
+    why = whynot.solve(problem, beside=beside, seconds=max(end - time.monotonic(), 0.0), say=say)
+    if why.feasible and answer.outcome.proof is None:
+        say("starting from a design that meets the specification")
+        seconds = max(end - time.monotonic(), 0.0)
+        again = robust.solve(problem, starts=search.starts, seconds=seconds, say=say, known=why.feasible)
+        if again.outcome.found is not None or again.best is not None:
+            return again
+    return replace(answer, why=why)
 
 
 def with_objective(problem: Setting, maximise: str | None, minimise: str | None) -> Setting:

@@ -36,6 +36,7 @@ def document(source: Source, setting: Setting, answer: Answer, bound: dict[str, 
         box=_box(found.box) if solved and found and found.box else None,
         bound=bound,
         why_not=_why(answer.why) if answer.why else None,
+        best_so_far=_best(answer.best) if answer.best else None,
         starts={
             "tried": answer.starts,
             "reached": found.reached if solved and found else 0,
@@ -58,7 +59,9 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: 
         lines += wrapped(outcome.detail)
         if answer.why:
             lines += ["", *why_lines(answer.why)]
-        if answer.missed:
+        if answer.best:
+            lines += ["", *_best_lines(setting, answer.best, paint)]
+        elif answer.missed:
             lines += ["", "At that point (not a result):", *report_table(answer.missed, paint)]
         return "\n".join(lines) + "\n"
     found = outcome.value
@@ -84,6 +87,25 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: 
         lines += ["", *_box_lines(setting, found.box)]
     lines += ["", *report_table(found.verdict.rows, paint)]
     return "\n".join(lines) + "\n"
+
+
+def _best(best: Synthesis) -> dict[str, Any]:
+    return {
+        "gains": store.gains_json(best.gains),
+        "value": best.value,
+        "rows": [store.row_json(row) for row in best.verdict.rows],
+    }
+
+
+def _best_lines(setting: Setting, best: Synthesis, paint: Paint) -> list[str]:
+    """The best design so far: it keeps every requirement, and a better one may exist."""
+    return [
+        "The best design so far was checked to keep every requirement; a better one may exist:",
+        f"  {gains_line(best.gains, setting.law)}",
+        f"  {setting.objective} = {_value(setting, best.value, 8)}",
+        "",
+        *report_table(best.verdict.rows, paint),
+    ]
 
 
 def _before(setting: Setting, answer: Answer) -> list[str]:
@@ -194,18 +216,19 @@ def _why(why: WhyNot) -> dict[str, Any]:
 
 
 def why_lines(why: WhyNot) -> list[str]:
-    """The conflict, and what would be enough."""
+    """The conflict, and what would be enough: what a search found, and did not find; no word of it is a proof."""
     names = " and ".join(why.conflict)
     if not why.minimal:
-        return wrapped(f"Time ran out before it was found which of {names} exclude each other; give it more time.")
+        lines = wrapped(f"Time ran out before it was known which of {names} is in the way; give it more time.")
+        return lines if why.conflict else wrapped("Time ran out before anything was known; give it more time.")
     if len(why.conflict) > 1:
-        lines = wrapped(f"{names} exclude each other: each can be met without one of the others.")
+        lines = wrapped(f"No design was found that meets {names} together; without any one of them one was found.")
     elif why.conflict:
-        lines = wrapped(f"{names} alone is out of reach.")
+        lines = wrapped(f"No design was found that meets {names}, even alone; without it one was found.")
     else:
-        lines = wrapped("Contact and stability alone are out of reach, in these scenarios and within these bounds.")
+        lines = wrapped("No design was found that keeps contact and stability alone, within these bounds.")
     if why.relaxations:
-        lines += ["Enough would be any one of:", *(f"  {each}" for each in why.relaxations)]
+        lines += ["A checked design meets the rest with any one of:", *(f"  {each}" for each in why.relaxations)]
     if not why.complete:
         lines.append("Time ran out before all that might be enough was looked at.")
     elif not why.relaxations:

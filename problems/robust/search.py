@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,10 +36,20 @@ PROOF = 30.0
 """Seconds for the proofs of contact over the box, in all scenarios."""
 
 
-def solve(setting: Setting, *, starts: int | None = None, seconds: float = 600.0, say: Say = lambda _: None) -> Answer:
-    """Gains for every point of the box of [uncertainty]; without one, or with ``robust`` off, for the nominal body."""
+def solve(
+    setting: Setting,
+    *,
+    starts: int | None = None,
+    seconds: float = 600.0,
+    say: Say = lambda _: None,
+    known: Sequence[Gains] = (),
+) -> Answer:
+    """Gains for every point of the box of [uncertainty]; without one, or with ``robust`` off, for the nominal body.
+
+    ``known``: gains that may meet the specification, to start from too.
+    """
     deadline = time.monotonic() + seconds
-    first = nominal.solve(setting, starts=starts, seconds=seconds, say=say)
+    first = nominal.solve(setting, starts=starts, seconds=seconds, say=say, known=known)
     if not setting.robust or setting.tolerances.none or first.outcome.found is None:
         return first
     question = Question(setting)
@@ -48,6 +58,7 @@ def solve(setting: Setting, *, starts: int | None = None, seconds: float = 600.0
     answer, found = first, first.outcome.found
     best, v = found.gains, goal.v(found.value)
     points: list[Weak] = []
+    met = [*known, best]
     for round_ in range(ROUNDS):
         say(f"round {round_ + 1}: looking for the body and world that breaks the design worst")
         weak = weakest(question, goal, best, v, step)
@@ -61,9 +72,9 @@ def solve(setting: Setting, *, starts: int | None = None, seconds: float = 600.0
         near = Point(gains=best, v=v + min(each.margin for each in new))
         answer = nominal.solve(setting, seconds=max(left, 0.01), say=say, beside=beside, near=near)
         if answer.outcome.found is None and left > 0:
-            answer = nominal.solve(
-                setting, starts=starts, seconds=max(deadline - time.monotonic(), 0.01), say=say, beside=beside
-            )
+            left = max(deadline - time.monotonic(), 0.01)
+            met.append(best)
+            answer = nominal.solve(setting, starts=starts, seconds=left, say=say, beside=beside, known=met)
         if answer.outcome.found is None:
             return _over_the_box(setting, answer, points)
         best, v = answer.outcome.found.gains, goal.v(answer.outcome.found.value)

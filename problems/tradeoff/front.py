@@ -76,9 +76,12 @@ def solve(
     ends: list[Design] = []
     for id in margins.ids:
         left = max(designer.deadline - time.monotonic(), 0.01)
-        answer = single.solve(replace(designer.setting, objective=id), seconds=left, say=_told(say, f"best {id}: "))
+        problem, known = replace(setting, objective=id), [end.gains for end in ends]
+        answer = single.solve(problem, seconds=left, say=_told(say, f"best {id}: "), known=known)
         found = answer.outcome.found and designer.known(answer.outcome.found, id, {})
         if not found:
+            if answer.outcome.proof is not None:
+                return Outcome.infeasible(answer.outcome.proof)
             status = answer.outcome.status if answer.outcome.found is None else Status.DISAGREEMENT
             said = f"No end of the front: the best {id}. {answer.outcome.detail}"
             return Outcome(status=status, detail=said.strip())

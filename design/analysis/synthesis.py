@@ -129,13 +129,27 @@ class WhyNot:
     feasible: tuple[Gains, ...] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class Settling:
+    """The decay rate that was ``required`` [1/s] although the spec asks none, and whether the design has it (``kept``).
+
+    ``value`` of the objective and ``decay`` rate [1/s] are those of the best design without that requirement.
+    """
+
+    required: float
+    value: float
+    decay: float
+    kept: bool
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Answer:
     """The outcome, and what was found on the way; ``why`` not, where it was asked.
 
     ``missed``: rows at the nearest miss, where nothing was solved. ``given``: the objective at the spec's own gains.
     ``points`` of the box of [uncertainty] that were asked for too. ``best``: the best design that was checked to keep
-    every requirement, where the search ended before its optimality was; no result of a solved outcome.
+    every requirement, where the search ended before its optimality was; no result of a solved outcome. ``settling``:
+    None where the design decays as fast as is asked for.
     """
 
     outcome: Outcome[Synthesis]
@@ -145,3 +159,4 @@ class Answer:
     why: WhyNot | None = None
     points: tuple[BoxPoint, ...] = ()
     best: Synthesis | None = None
+    settling: Settling | None = None

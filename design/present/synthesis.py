@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from design.analysis.objectives import OBJECTIVES
-from design.analysis.synthesis import Active, Answer, Box, Price, Synthesis, WhyNot
+from design.analysis.synthesis import Active, Answer, Box, Price, Settling, Synthesis, WhyNot
 from design.present import store
 from design.present.text import Paint, gains_line, number, report_table, wrapped
 from design.spec.load import Source
@@ -42,6 +42,7 @@ def document(source: Source, setting: Setting, answer: Answer, bound: dict[str, 
             "reached": found.reached if solved and found else 0,
             "distinct_optima": found.optima if solved and found else 0,
         },
+        default_decay_rate=_settling(answer.settling) if answer.settling else None,
         verdict=verdict,
         rows=[store.row_json(row) for row in rows],
     )
@@ -57,6 +58,7 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: 
         style = {"infeasible": "bad"}.get(outcome.status.word, "doubt")
         lines = [head, "", paint(outcome.status.word.upper(), style), *wrapped(outcome.status.value)]
         lines += wrapped(outcome.detail)
+        lines += _settling_lines(setting, answer)
         if answer.why:
             lines += ["", *why_lines(answer.why)]
         if answer.best:
@@ -82,6 +84,7 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: 
     lines += _price_lines(setting, found)
     if found.optima > 1:
         lines.append(f"{found.optima} distinct local optima were found; this is the best of them.")
+    lines += _settling_lines(setting, answer)
     lines += _before(setting, answer)
     if found.box:
         lines += ["", *_box_lines(setting, found.box)]
@@ -106,6 +109,32 @@ def _best_lines(setting: Setting, best: Synthesis, paint: Paint) -> list[str]:
         "",
         *report_table(best.verdict.rows, paint),
     ]
+
+
+def _settling(settling: Settling) -> dict[str, Any]:
+    return {
+        "required_per_s": settling.required,
+        "kept": settling.kept,
+        "value_without": settling.value,
+        "decay_rate_without_per_s": settling.decay,
+    }
+
+
+def _settling_lines(setting: Setting, answer: Answer) -> list[str]:
+    """What was required so that the design settles, or that it does not."""
+    settling = answer.settling
+    if settling is None:
+        return []
+    if settling.kept:
+        return wrapped(
+            f"The spec asks no decay rate. At least {settling.required:.3g} 1/s was required, so that the body comes to"
+            f" rest within the scenario; without it {setting.objective} = {_value(setting, settling.value, 6)} at a"
+            f" decay rate of {settling.decay:.2g} 1/s. requirements.decay_rate_per_s = 0.0 asks for none."
+        )
+    return wrapped(
+        f"Warning: this design practically never settles: its decay rate is {settling.decay:.2g} 1/s. No design was"
+        f" found that meets the specification with at least {settling.required:.3g} 1/s."
+    )
 
 
 def _before(setting: Setting, answer: Answer) -> list[str]:

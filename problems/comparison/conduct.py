@@ -131,11 +131,11 @@ def _gains(problem: Setting, names: Sequence[str], say: Say) -> tuple[dict[str, 
 
 
 def _synthesized(problem: Setting) -> tuple[Gains | None, str]:
-    from problems.robust import solve
+    from problems.settling import solve
 
     if problem.bounds is None:
         return None, "the spec has no [synthesis.bounds]"
-    outcome = solve(problem).outcome
+    outcome = solve(problem)[1].outcome
     if outcome.status is not Status.SOLVED:
         return None, f"synthesis: {outcome.status.value}"
     return outcome.value.gains, ""

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from design import deadline
 from design.model.body import Biped
 from design.model.environment import Scenario
 from design.model.laws import Gains, LawKind, desired, followed, gathered, swing, torque_of
@@ -58,7 +59,8 @@ def extremes(
     """The runs at ``shares`` (N, 7) of the half-widths of ``tolerances``, which ``tolerances.drawn`` explains.
 
     The law has ``theta_d`` [rad], P_d = ``target`` [m], adapts within ``adapt`` [s], and knows the body ``known``, or
-    else ``biped``. An ``impulse`` [N s] at the centre of gravity comes before the start.
+    else ``biped``. An ``impulse`` [N s] at the centre of gravity comes before the start. Raises
+    ``OutOfTime`` where a deadline is set and has passed.
     """
     shares = np.asarray(shares, dtype=float)
     law = _Law(kind=kind, gains=gains, body=known or biped, theta_d=theta_d, target=target, adapt=adapt)
@@ -76,6 +78,7 @@ def extremes(
     steps = scenario.steps(step)
     with np.errstate(all="ignore"):
         for t, h in zip(steps.t[:-1].tolist(), steps.h.tolist(), strict=True):
+            deadline.check()
             if h == 0:
                 continue
             F = [world(t, t + 0.5 * h), world(t + 0.5 * h, t + 0.5 * h), world(t + h, t + 0.5 * h)]

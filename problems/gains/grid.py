@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from design.analysis.motion import Motion
 from design.analysis.simulate import FALLEN, all_quantities
+from design.analysis.slabs import SLAB, mapped
 from design.model.environment import Steps
 from design.model.limits import Limit
 from problems.gains.goal import FEASIBILITY, Goal
@@ -116,12 +117,15 @@ class Grid:
         return tuple(tuple(sorted({int(k) for k in np.linspace(0, len(steps.t) - 1, count)})) for steps in self.samples)
 
     @cached_property
-    def quantities(self) -> list[ca.Function]:
+    def quantities(self) -> list[Any]:
         """For each case: (K, v) -> theta and the quantities of all limits, a row each, at all samples."""
         p = ca.MX.sym("p", 4)
-        found = []
+        found: list[Any] = []
         for case, motion in zip(self.cases, self.whole, strict=True):
             stacked = all_quantities([limit.quantity for limit in case.limits])
+            if len(motion.steps.t) > SLAB:
+                found.append(_InSlabs(case, motion, stacked))
+                continue
             z = motion.all_states(p[: motion.free])
             n = z.size2()
             tau = case.loop.torque.map(n)(z, ca.repmat(p[:3], 1, n))
@@ -148,6 +152,31 @@ class Grid:
     def rows(self, case: Case, limit: Limit, quantity: Any, v: Any) -> list[Any]:
         """Rows >= 0 that ``limit`` gives the program, scaled: against what is required, and against the objective."""
         return [row - of * v for row, of in limit_rows(self.question, self.goal, case, limit, quantity)]
+
+
+class _InSlabs:
+    """The function p = (K, v) -> theta and all quantities of a ``case`` with many samples, for numbers alone."""
+
+    def __init__(self, case: Case, motion: Motion, stacked: ca.Function) -> None:
+        self._torque, self._motion, self._stacked = case.loop.torque, motion, stacked
+
+    def __call__(self, p: Array) -> _Dense:
+        motion = self._motion
+        z = motion.in_slabs(p)
+        tau = mapped(self._torque, [z, np.broadcast_to(p[:3, None], (3, z.shape[1]))])
+        F = np.asarray(ca.DM(motion.force(None, ca.DM(p))))
+        return _Dense(np.vstack([z[:1], mapped(self._stacked, [z[:2], tau, F])]))
+
+
+class _Dense:
+    """An array with the one method of CasADi's matrices that is called here."""
+
+    def __init__(self, array: Array) -> None:
+        self._array = array
+
+    def full(self) -> Array:
+        """The array."""
+        return self._array
 
 
 def limit_rows(question: Question, goal: Goal, case: Case, limit: Limit, quantity: Any) -> list[tuple[Any, float]]:

@@ -45,7 +45,9 @@ ON_SIDE = 1e-3
 WORTH = 1e-4
 """Part by which the objective must get better for the working box to be widened once more."""
 GRACE = 0.3
-"""Seconds that the last candidates may be checked for after the deadline."""
+"""Seconds that the best candidate may be checked for after the deadline."""
+QUICK = 200_000
+"""Samples of all runs up to which that takes less."""
 
 
 def solve(
@@ -106,6 +108,13 @@ class _Search:
         self.tried = 0
 
     @property
+    def _quick(self) -> bool:
+        """Whether gains are judged in much less than a second."""
+        step = self.question.setting.step
+        runs = [case.scenario.duration / step for case in self.coarse.cases]
+        return sum(runs) < QUICK
+
+    @property
     def late(self) -> bool:
         """Whether the deadline has passed."""
         return time.monotonic() > self.end
@@ -131,9 +140,7 @@ class _Search:
 
     def _run(self, count: int, fixed: bool, near: Point | None, known: Sequence[Gains]) -> Answer:
         question, goal = self.question, self.goal
-        own = question.setting.gains
         if near is None:
-            self.pool.offer([*known, *([own] if own is not None else [])])
             chosen, merits = self._chosen(count, fixed)
         else:
             chosen = np.clip(np.array([near.gains]), question.lower, question.upper)
@@ -151,6 +158,8 @@ class _Search:
             if not self.optima and len(self.misses) == MISSES:
                 break
         if near is None:
+            own = question.setting.gains
+            self.pool.offer([*known, *([] if own is None or self.optima else [own])])
             self._from_incumbents()
         if not self.optima and near is None:
             self._other_ways(chosen)
@@ -228,6 +237,9 @@ class _Search:
         if answer.outcome.found is None:
             self.pool.offer([local.point.gains for local in [*done, *distinct[:3]]])
             return replace(answer, best=self._best())
+        own = question.setting.gains
+        if own is not None and answer.given is not None and goal.v(answer.given) > goal.v(answer.outcome.found.value):
+            self.pool.offer([own])
         incumbent = self.pool.best
         if incumbent is not None and goal.v(incumbent.value) > goal.v(answer.outcome.found.value) + 1e-5 * (
             1 + abs(goal.v(incumbent.value))
@@ -238,7 +250,7 @@ class _Search:
 
     def _ended(self, status: Status, detail: str) -> Answer:
         """No optimum: with the best incumbent, if there is one."""
-        if status is Status.TIME_LIMIT and self.pool.best is None:
+        if status is Status.TIME_LIMIT and self.pool.best is None and self._quick:
             candidates = [each.point.gains for each in sorted(self.optima, key=lambda each: -each.point.v)]
             try:
                 with limited(self.end + GRACE):

@@ -32,6 +32,8 @@ DECADES = 2.5
 FINEST = 3.0
 """How far below what (29) allows K_f is tried, in decades."""
 BATCH = 64
+AT_ONCE = 2_000_000
+"""Samples of all runs that are marched at once, at most."""
 CLEARLY = 0.2
 """Margin, in its scale, by which a requirement is missed clearly."""
 CLOSER = 24
@@ -117,7 +119,8 @@ def missing(grid: Grid, points: Array) -> Array:
 
 def _lowest_rows(grid: Grid, points: Array, goal: Goal | None = None) -> tuple[Array, Array]:
     """The smallest scaled margin of the sampled requirements (n,), and the smallest objective row (n,)."""
-    size = min(BATCH, len(points))
+    samples = max(len(steps.t) for steps in grid.samples)
+    size = max(1, min(BATCH, len(points), AT_ONCE // samples))
     lowest = _mapped(grid, size)
     rows, objective = in_batches(lambda batch: np.asarray(lowest(batch).full()), points, size)
     return (np.minimum(rows, objective), objective) if goal is not None else (rows, objective)

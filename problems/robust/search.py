@@ -11,6 +11,8 @@ import numpy as np
 
 from design.analysis.spread import in_box
 from design.analysis.synthesis import Answer, Box, BoxPoint
+from design.deadline import OutOfTime
+from design.deadline import deadline as limited
 from design.model.laws import Gains
 from design.proof.box import prove
 from design.solvers.outcome import Outcome, Status
@@ -52,10 +54,22 @@ def solve(
     first = nominal.solve(setting, starts=starts, seconds=seconds, say=say, known=known)
     if not setting.robust or setting.tolerances.none or first.outcome.found is None:
         return first
+    try:
+        with limited(deadline):
+            return _over_box(setting, first, starts, deadline, say, known)
+    except OutOfTime:
+        said = "The best gains for the nominal body are known, what the box of [uncertainty] does to them is not."
+        return Answer(outcome=Outcome(status=Status.TIME_LIMIT, detail=said), starts=first.starts)
+
+
+def _over_box(
+    setting: Setting, first: Answer, starts: int | None, deadline: float, say: Say, known: Sequence[Gains]
+) -> Answer:
+    """Rounds of the worst point of the box, and gains that hold there too."""
     question = Question(setting)
     goal = question.goal(setting.objective)
     step = question.coarse_step
-    answer, found = first, first.outcome.found
+    answer, found = first, first.outcome.value
     best, v = found.gains, goal.v(found.value)
     points: list[Weak] = []
     met = [*known, best]

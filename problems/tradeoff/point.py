@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from design.analysis.rows import Verdict
 from design.analysis.synthesis import Active, Synthesis
 from design.analysis.verdict import judge
+from design.deadline import OutOfTime
+from design.deadline import deadline as limited
 from design.model.laws import Gains
 from design.model.limits import Required
 from design.spec.setting import Setting
@@ -87,8 +89,16 @@ class Designer:
     ) -> Design | None:
         """The design of the largest margin ``id`` above the ``levels`` of others, or None if none was found.
 
-        It starts at ``gains``, where the margin is thought to be ``value``; ``near``: at full resolution at once.
+        It starts at ``gains``, where the margin is thought to be ``value``; ``near``: at full resolution at once. None
+        too where time is over.
         """
+        try:
+            with limited(self.deadline):
+                return self._best(id, levels, gains, value, near)
+        except OutOfTime:
+            return None
+
+    def _best(self, id: str, levels: Mapping[str, float], gains: Gains, value: float, near: bool) -> Design | None:
         required = {**self.setting.required, **{other: Required(level=level) for other, level in levels.items()}}
         question = self._question.asking(replace(self.setting, objective=id, required=required))
         goal = question.goal(id)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from design.analysis.obstacles import obstacles
 from design.analysis.recheck import load_integrator
 from design.analysis.rows import Row
-from design.analysis.survey import best_apart
+from design.analysis.survey import best_apart, hills
 from design.analysis.synthesis import Answer, Synthesis
 from design.analysis.verdict import judge
 from design.deadline import OutOfTime
@@ -28,9 +28,10 @@ from problems.gains.goal import Goal
 from problems.gains.grid import Grid, Point
 from problems.gains.incumbents import Incumbents
 from problems.gains.modelled import wanted
+from problems.gains.pieces import MODELLED
 from problems.gains.question import Question
 from problems.gains.sequential import optimise
-from problems.gains.starts import CANDIDATES, UNKNOWN, from_start, survey
+from problems.gains.starts import CANDIDATES, MISSED, UNKNOWN, from_start, missing, survey
 from problems.gains.working_box import WIDER
 
 Array = NDArray[np.float64]
@@ -38,6 +39,12 @@ Say = Callable[[str], None]
 
 PATIENCE = 4
 """Where only one start reached the best value, more are tried, up to so many times as many."""
+HILLS, SLOW_HILLS = 4, 2
+"""Hills of the survey beside the best points from which to start too; the fewer where rows take their time."""
+GAINED = 1e-5
+"""Part by which a better optimum is better."""
+KINKED = tuple(dict.fromkeys((*MODELLED, "settling", "overshoot", "posture-error", "torque-rate")))
+"""Rows with kinks or jumps."""
 MISSES = 3
 """Nearest misses, from so many starts without a feasible point, after which other ways are tried."""
 ON_SIDE = 1e-3
@@ -106,6 +113,7 @@ class _Search:
         self.optima: list[Local] = []
         self.misses: list[Local] = []
         self.tried = 0
+        self.hills = 0
 
     @property
     def _quick(self) -> bool:
@@ -145,9 +153,7 @@ class _Search:
         else:
             chosen = np.clip(np.array([near.gains]), question.lower, question.upper)
             merits, count = {tuple(chosen[0]): max(near.v, UNKNOWN)}, 1
-        while self.tried < min(count, len(chosen)) or (
-            self.optima and self.tried < len(chosen) and _reached(self.optima) < 2
-        ):
+        while self.tried < min(count, len(chosen)) or (self.optima and self._goes_on(count, len(chosen))):
             if self.late:
                 raise OutOfTime
             K = chosen[self.tried]
@@ -157,6 +163,8 @@ class _Search:
             self.say(f"start {self.tried}: best {_shown(goal, best)}")
             if not self.optima and len(self.misses) == MISSES:
                 break
+        if near is None and self.optima:
+            self._without_kinks()
         if near is None:
             own = question.setting.gains
             self.pool.offer([*known, *([] if own is None or self.optima else [own])])
@@ -169,13 +177,58 @@ class _Search:
                 return answer
         return self._nothing(chosen[: self.tried])
 
+    def _goes_on(self, count: int, most: int) -> bool:
+        """Whether to try another start: the best optimum was reached once, or a hill of the survey is left.
+
+        Where all of the first ``count`` agree, one hill more is tried.
+        """
+        reached = _reached(self.optima)
+        if self.tried == count:
+            self.hills = min(self.hills, 1) if reached == count else self.hills
+        return self.tried < most and (reached < 2 or self.tried < count + self.hills)
+
     def _chosen(self, count: int, fixed: bool) -> tuple[Array, dict[tuple[float, ...], float]]:
-        """The best points of the survey that lie apart, best first, and the merits of all."""
+        """Where to start: the best points of the survey that lie apart, then its other hills; and the merits of all."""
         self.say(f"surveying {CANDIDATES} gains")
+        question = self.question
         points, merit = survey(self.coarse)
-        most = count if fixed or wanted(self.question, self.goal) else PATIENCE * count  # those take their time
-        chosen = best_apart(points, merit, most, self.question.lower, self.question.upper)
+        slow = bool(wanted(question, self.goal))
+        most = count if fixed or slow else PATIENCE * count  # those take their time
+        chosen = best_apart(points, merit, most, question.lower, question.upper)
+        if not fixed:
+            feasible = merit > MISSED
+            tops = points[feasible][hills(points[feasible], merit[feasible], question.upper)]
+            apart = [K for K in tops if not _among(K, chosen[:count])]
+            more = np.array(apart[: SLOW_HILLS if slow else HILLS]).reshape(-1, 3)
+            self.hills = len(more)
+            rest = [K for K in chosen[count:] if not _among(K, more)]
+            chosen = np.vstack([chosen[:count], more, np.array(rest).reshape(-1, 3)])
         return chosen, {tuple(K): m for K, m in zip(points, merit, strict=True)}
+
+    def _without_kinks(self) -> None:
+        """Solve again without the rows that have kinks or jump: the optimum may rest at one that does not bind.
+
+        Where nothing is gained without them, they do not hold it. Otherwise a better point that keeps them all the same
+        is an optimum, and from one that does not the whole is sought again.
+        """
+        question, setting = self.question, self.question.setting
+        ids = [id for id in KINKED if question.level(id) is not None and id != self.goal.id]
+        for dropped in [ids, *([id] for id in ids if len(ids) > 1)] if ids else []:
+            best = max(self.optima, key=lambda each: each.point.v)
+            self.say(f"without {', '.join(dropped)}")
+            required = {id: wish for id, wish in setting.required.items() if id not in dropped}
+            easier = self.coarse.asking(question.asking(replace(setting, required=required)))
+            local = optimise(easier, best.point, self.instants, self.end)
+            gain = local.point.v - best.point.v if local.converged else 0.0
+            if gain <= GAINED * (1 + abs(best.point.v)):
+                if dropped is ids:
+                    return
+                continue
+            margin = float(missing(self.coarse, np.array([local.point.gains]))[0])
+            if margin >= -1e-6:
+                self.optima.append(replace(local, solved=None))
+            else:
+                self._start(np.array(local.point.gains), MISSED + margin)
 
     def _start(self, K: Array, merit: float, *, stay: bool = False) -> None:
         """Go from ``K`` to a local optimum, or to the nearest miss."""
@@ -319,6 +372,11 @@ class _Search:
             if answer.outcome.found is not None:
                 return answer
         return self._ended(Status.STALLED, "A feasible design was found, it was not confirmed as an optimum.")
+
+
+def _among(K: Array, others: Array) -> bool:
+    """Whether ``K`` (3,) is one of the ``others`` (n, 3)."""
+    return bool((others == K).all(axis=1).any())
 
 
 def _local(K: Array, margin: float, like: Local) -> Local:

@@ -12,6 +12,18 @@ from design.model.laws import Gains
 from design.solvers.outcome import Outcome
 
 
+@dataclass(frozen=True, kw_only=True)
+class MissRate:
+    """On how many random ``specs`` a long global search found better gains than ``poise synthesize``, by 0.01 %."""
+
+    missed: int
+    specs: int
+
+
+MEASURED = MissRate(missed=0, specs=24)
+"""Against differential evolution with an independent simulator; local optima are no proof of a global one."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Active:
     """What holds the optimum: a row at a sample, or a bound of a gain."""

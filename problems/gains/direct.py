@@ -33,9 +33,10 @@ def most_feasible(grid: Grid, seeds: Array) -> tuple[Array, float]:
     question = grid.question
     floor = np.maximum(question.lower, 10.0**-DECADES * np.maximum(question.upper, 1e-12))
     free = question.upper > floor
-    low, high = np.log(floor), np.log(np.maximum(question.upper, floor))
+    upper = np.maximum(question.upper, floor)
+    low, high = np.log(floor), np.log(upper)
     draw = np.random.default_rng(0)
-    first = np.log(np.clip(seeds, floor, question.upper))
+    first = np.log(np.clip(seeds, floor, upper))
     more = first[draw.integers(len(first), size=max(POPULATION - len(first), 0))]
     first = np.vstack([first[:POPULATION], more + SPREAD * draw.standard_normal(more.shape)])
     best, most = seeds[0], -np.inf

@@ -112,6 +112,8 @@ class _Search:
         self.instants = self.coarse.thinned()
         self.optima: list[Local] = []
         self.misses: list[Local] = []
+        self.partial: list[Point] = []
+        self.surveyed: list[Point] = []
         self.tried = 0
         self.hills = 0
 
@@ -203,6 +205,8 @@ class _Search:
             self.hills = len(more)
             rest = [K for K in chosen[count:] if not _among(K, more)]
             chosen = np.vstack([chosen[:count], more, np.array(rest).reshape(-1, 3)])
+        best = [k for k in np.argsort(-merit, kind="stable")[:2] if merit[k] > MISSED]
+        self.surveyed = [Point(gains=Gains(*map(float, points[k])), v=float(merit[k])) for k in best]
         return chosen, {tuple(K): m for K, m in zip(points, merit, strict=True)}
 
     def _without_kinks(self) -> None:
@@ -236,8 +240,10 @@ class _Search:
         self.instants = union(self.instants, local.instants)
         if optimal:
             self.optima.append(local)
-        elif local.converged:
-            self.misses.append(local)
+        else:
+            self.partial.append(local.point)
+            if local.converged:
+                self.misses.append(local)
 
     def _from_incumbents(self) -> None:
         """Start from the best incumbent too, where no optimum is as good as it is."""
@@ -304,10 +310,14 @@ class _Search:
     def _ended(self, status: Status, detail: str) -> Answer:
         """No optimum: with the best incumbent, if there is one."""
         if status is Status.TIME_LIMIT and self.pool.best is None and self._quick:
-            candidates = [each.point.gains for each in sorted(self.optima, key=lambda each: -each.point.v)]
+            optima = [each.point for each in sorted(self.optima, key=lambda each: -each.point.v)]
+            candidates = [*optima[:1], *self.partial[-1:], *self.surveyed[:2]]
             try:
-                with limited(self.end + GRACE):
-                    self.pool.offer(candidates[:1])
+                for point in candidates:
+                    with limited(self.end + GRACE):
+                        self.pool.offer([point.gains])
+                    if self.pool.best is not None:
+                        break
             except OutOfTime:
                 pass
         return Answer(outcome=Outcome(status=status, detail=detail), starts=self.tried, best=self._best())

@@ -45,7 +45,8 @@ def working_upper(
     own = np.zeros(3) if setting.gains is None else np.array(setting.gains)
     own = np.maximum(2.0 * np.where(own <= widest, own, 0.0), 10.0 * lower)
     biped = setting.biped
-    stiffness = STIFF * max(max(each.place.A, 0.0) for each in environments) * biped.L
+    heaviest = max(each.place.A for each in environments)
+    stiffness = STIFF * (heaviest if heaviest > 0 else biped.M * biped.g) * biped.L
     K_p = min(widest[0], max(reach * stiffness, own[0]))
     K_d = min(widest[1], max(reach * DAMPED * math.sqrt(biped.I * max(stiffness, own[0])), own[1]))
     return np.array([K_p, K_d, min(widest[2], max(steepest(environments, K_d), own[2]))])

@@ -55,7 +55,11 @@ def document(source: Source, setting: Setting, answer: Answer, bound: dict[str, 
             "tried": answer.starts,
             "reached": found.reached if solved and found else 0,
             "distinct_optima": found.optima if solved and found else 0,
-            "measured_miss_rate": {"missed": MEASURED.missed, "random_specs": MEASURED.specs},
+            "measured_miss_rate": {
+                "missed": MEASURED.missed,
+                "undecided": MEASURED.undecided,
+                "random_specs": MEASURED.specs,
+            },
         },
         default_decay_rate=_settling(answer.settling) if answer.settling else None,
         verdict=verdict,
@@ -99,6 +103,7 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: 
     lines += _price_lines(setting, found)
     if found.optima > 1:
         lines.append(f"{found.optima} distinct local optima were found; this is the best of them.")
+    lines += wrapped(outcome.detail) if outcome.detail else []
     lines += _settling_lines(setting, answer)
     lines += _before(setting, answer)
     if found.box:

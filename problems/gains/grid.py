@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from design import deadline
 from design.analysis.motion import Motion
 from design.analysis.simulate import FALLEN, all_quantities
 from design.analysis.slabs import SLAB, mapped
@@ -58,7 +59,11 @@ class Grid:
     @cached_property
     def samples(self) -> list[Steps]:
         """The samples of each case."""
-        return [case.scenario.steps(self.step) for case in self.cases]
+        found = []
+        for case in self.cases:
+            deadline.check()
+            found.append(case.scenario.steps(self.step))
+        return found
 
     @cached_property
     def whole(self) -> list[Motion]:

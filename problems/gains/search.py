@@ -93,12 +93,37 @@ def solve(
         search = _Search(question, goal, end, say)
         start = None if design is None else Point(gains=design.gains, v=goal.v(design.value))
         wider = search.run(count, fixed=starts is not None, near=start, known=known)
-        if design is not None:
-            other = wider.outcome.found
-            if other is None or goal.v(other.value) <= goal.v(design.value) * (1 + WORTH) + 1e-9:
-                break
+        if design is not None and _gain(goal, wider, answer) <= WORTH:
+            answer = _bounded(answer, question)
+            break
         answer = wider
+    if question.reach > 1 and answer.outcome.found is not None and time.monotonic() < end:
+        # one start went along while the box grew: the whole of the last box is searched too
+        say("searching the widest box as a whole")
+        whole = _Search(question, goal, end, say)
+        met = [*known, answer.outcome.found.gains]
+        again = whole.run(count, fixed=starts is not None, near=None, known=met)
+        if _gain(goal, again, answer) > GAINED:
+            answer = again
     return answer
+
+
+def _gain(goal: Goal, one: Answer, other: Answer) -> float:
+    """By what part the design of the first answer is better than that of the other."""
+    if one.outcome.found is None or other.outcome.found is None:
+        return -np.inf if one.outcome.found is None else np.inf
+    v = goal.v(other.outcome.found.value)
+    return float((goal.v(one.outcome.found.value) - v) / (abs(v) + 1e-9))
+
+
+def _bounded(answer: Answer, question: Question) -> Answer:
+    """The answer with a remark on the gains that were searched, which are fewer than the bounds allow."""
+    K_p, K_d, K_f = question.upper
+    said = (
+        f"Gains up to kp = {K_p:.4g}, kd = {K_d:.4g}, kf = {K_f:.4g} were searched, which are less than the bounds:"
+        f" {WIDER:g} times as many gave less than {100 * WORTH:g} % more."
+    )
+    return replace(answer, outcome=replace(answer.outcome, detail=said))
 
 
 class _Search:
@@ -344,15 +369,13 @@ class _Search:
             if local.converged:
                 self.misses.append(local)
                 break
-        if not self.misses:
-            return self._ended(
-                Status.TIME_LIMIT if self.late else Status.NOT_FOUND, "Not even the nearest miss was found."
-            )
-        nearest = max(self.misses, key=lambda each: each.point.v)
+        if self.late:
+            return self._ended(Status.TIME_LIMIT, f"{self.tried} starts were tried.")
         self.say("refining the nearest miss at full resolution")
-        polished = refined(self.fine.feasibility, nearest.point, self.end)
+        nearest = max(self.misses, key=lambda each: each.point.v).point if self.misses else self._least_bad(starts)
+        polished = refined(self.fine.feasibility, nearest, self.end) if self.misses else None
         answers = []
-        for point in [polished.point] * polished.converged + [nearest.point]:
+        for point in [polished.point, nearest] if polished is not None and polished.converged else [nearest]:
             verdict = judge(self.question.setting, point.gains)
             missed = tuple(row for row in verdict.rows if row.counts and row.status != "met")
             if not missed:  # feasible after all
@@ -363,6 +386,12 @@ class _Search:
         missed = min(answers, key=self._size)
         detail = _miss(missed) if missed else "The nearest miss meets the specification for the nominal body alone."
         return Answer(outcome=Outcome(status=Status.NOT_FOUND, detail=detail), missed=missed, starts=len(starts))
+
+    def _least_bad(self, starts: Array) -> Point:
+        """The start with the largest smallest margin, where no optimiser came to rest."""
+        margins = missing(self.coarse, starts)
+        at = int(np.argmax(margins))
+        return Point(gains=Gains(*map(float, starts[at])), v=float(margins[at]))
 
     def _size(self, missed: tuple[Row, ...]) -> float:
         """The largest miss, each row's in its scale."""

@@ -52,7 +52,7 @@ def synthesize(
 
         bound.check(problem)
     with terminal.progress() as say:
-        answer, bracket = _sought(problem, search, say)
+        problem, answer, bracket = _sought(problem, search, say)
     facts, lines = _told(bracket)
     stored = store.dumps(synthesis.document(source, problem, answer, facts))
     if output:
@@ -72,12 +72,15 @@ def _told(bracket: Bracket | None) -> tuple[dict[str, Any] | None, list[str] | N
     return bound.facts(bracket), bound.lines(bracket)
 
 
-def _sought(problem: Setting, search: Search, say: Callable[[str], None]) -> tuple[Answer, Bracket | None]:
-    """The gains, and what else was asked of them: a bracket of the optimum; or why not, where there are none."""
-    from problems import robust
+def _sought(problem: Setting, search: Search, say: Callable[[str], None]) -> tuple[Setting, Answer, Bracket | None]:
+    """The gains, and what else was asked of them: a bracket of the optimum; or why not, where there are none.
+
+    First the problem that they answer: see ``problems.settling``.
+    """
+    from problems import settling
 
     began = time.monotonic()
-    answer = robust.solve(problem, starts=search.starts, seconds=search.time_limit, say=say)
+    problem, answer = settling.solve(problem, starts=search.starts, seconds=search.time_limit, say=say)
     left = search.time_limit - (time.monotonic() - began)
     found = None
     if answer.outcome.found is not None and search.bracket:
@@ -90,14 +93,29 @@ def _sought(problem: Setting, search: Search, say: Callable[[str], None]) -> tup
         from problems import sensitivity
 
         answer = sensitivity.checked(problem, answer, seconds=left, say=say)
-    physical = answer.obstacle is not None and answer.obstacle.physical  # no requirement or bound is to blame
+    proof = answer.outcome.proof
+    physical = proof is not None and proof.physical  # no requirement or bound is to blame
     unmet = answer.outcome.status in (Status.NOT_FOUND, Status.INFEASIBLE) and not physical
     if search.why_not and unmet and problem.bounds is not None:
-        from problems import whynot
+        problem, answer = _explained(problem, answer, search, began + search.time_limit, say)
+    return problem, answer, found
 
-        beside = [robust.world(problem, point.shares, point.scenario) for point in answer.points]
-        answer = replace(answer, why=whynot.solve(problem, beside=beside, seconds=left, say=say))
-    return answer, found
+
+def _explained(
+    problem: Setting, answer: Answer, search: Search, end: float, say: Callable[[str], None]
+) -> tuple[Setting, Answer]:
+    """The answer with why not; or a better one, where looking for that met a design that keeps every requirement."""
+    from problems import robust, settling, whynot
+
+    beside = [robust.world(problem, point.shares, point.scenario) for point in answer.points]
+    why = whynot.solve(problem, beside=beside, seconds=max(end - time.monotonic(), 0.0), say=say)
+    if why.feasible and answer.outcome.proof is None:
+        say("starting from a design that meets the specification")
+        seconds = max(end - time.monotonic(), 0.0)
+        settled, again = settling.solve(problem, starts=search.starts, seconds=seconds, say=say, known=why.feasible)
+        if again.outcome.found is not None or again.best is not None:
+            return settled, again
+    return problem, replace(answer, why=why)
 
 
 def with_objective(problem: Setting, maximise: str | None, minimise: str | None) -> Setting:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.analysis.transient import AT_REST, PART_AT_REST
+from design.deadline import check as check_time
 from design.model.body import Biped
 from design.model.environment import Scenario
 from design.model.laws import Gains, LawKind, desired, followed, gathered, swing, torque_of
@@ -109,8 +110,8 @@ def extremes(
     """The runs at ``shares`` (N, 7) of the half-widths of ``tolerances``, which ``tolerances.drawn`` explains.
 
     The law has ``theta_d`` [rad], P_d = ``target`` [m], adapts within ``adapt`` [s], and knows the body ``known``, or
-    else ``biped``. An ``impulse`` [N s] at the centre of gravity comes before the start.
-    What has not been run by the ``deadline`` (``time.monotonic``) is left out.
+    else ``biped``. An ``impulse`` [N s] at the centre of gravity comes before the start. What has not been run by the
+    ``deadline`` (``time.monotonic``) is left out; raises ``OutOfTime`` where that of the whole question has passed.
     """
     shares = np.asarray(shares, dtype=float)
     law = _Law(kind=kind, gains=gains, body=known or biped, theta_d=theta_d, target=target, adapt=adapt)
@@ -129,6 +130,7 @@ def extremes(
     way = [z[0]]
     with np.errstate(all="ignore"):
         for t, h in zip(steps.t[:-1].tolist(), steps.h.tolist(), strict=True):
+            check_time()
             if time.monotonic() > deadline:
                 break
             if h == 0:

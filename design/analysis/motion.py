@@ -13,17 +13,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import combinations_with_replacement
 from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
+from design.analysis.slabs import marched
 from design.analysis.survival import pull, rest
 from design.model.body import Biped
 from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario, Steps
+
+Array = NDArray[np.float64]
 
 BLOCKS = 16
 """A trajectory is marched in multiples of a sixteenth of its length, only as far as it is looked at."""
@@ -76,7 +80,6 @@ class Motion:
         self.free = 3 if sized is None else 4
         self._sized, self._biped = sized, loop.biped
         self._count = len(self.steps.h)
-        self._inputs = ca.DM(np.vstack([self.steps.h, self.steps.start, self.steps.middle, self.steps.end]))
         self._size = loop.size
         self._pairs = _pairs(self.free)
         self._steps = sensitivity_steps(loop, sized)
@@ -89,6 +92,16 @@ class Motion:
         orders = (z0, ca.vec(slope), ca.vertcat(*[ca.jacobian(slope[:, i], p[j]) for i, j in self._pairs]))
         self._start = [ca.Function("start", [p], [ca.densify(ca.vertcat(*orders[: k + 1]))]) for k in range(3)]
         self._built: dict[tuple[int, int], ca.Function] = {}
+
+    @cached_property
+    def _inputs(self) -> ca.DM:
+        return ca.DM(np.vstack([self.steps.h, self.steps.start, self.steps.middle, self.steps.end]))
+
+    def in_slabs(self, p: Array) -> Array:
+        """States (m, N+1) at every sample for numbers ``p``, without building a march of that length."""
+        own = p[: self.free]
+        start = self._start[0](own).full().ravel()
+        return marched(self._steps[0], start, self.steps, own if self._sized else own[:3])
 
     def states(self, instants: Sequence[int]) -> ca.Function:
         """P -> states (m, n) at the samples numbered ``instants`` (n), with exact derivatives to second order."""
@@ -116,7 +129,7 @@ class Motion:
         """
         return self._marched(order, p, self._count)
 
-    def force(self, instants: Sequence[int] | None, p: ca.MX) -> Any:
+    def force(self, instants: Sequence[int] | None, p: Any) -> Any:
         """The force (2, n) [N] at the samples numbered ``instants``, or at all."""
         if self._sized is None:
             return ca.DM(self.steps.force if instants is None else self.steps.force[:, list(instants)])

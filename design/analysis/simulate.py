@@ -14,7 +14,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from design import deadline
 from design.analysis.estimate import static_estimate
+from design.analysis.slabs import SLAB, mapped, marched
 from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario, Steps
 from design.model.laws import Gains
@@ -76,13 +78,28 @@ def _runner(loop: ClosedLoop, scenario: Scenario, step: float) -> tuple[Steps, c
     return steps, ca.Function("run", [K, s0], [ca.vertcat(z, y)])
 
 
+def _in_slabs(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0: float) -> tuple[Steps, Array]:
+    """The same for many samples, of which nothing is kept."""
+    steps = scenario.steps(step)
+    deadline.check()
+    start = np.array(loop.start(scenario.theta0, scenario.omega0, s0), dtype=float)
+    z = marched(loop.step, start, steps, np.array(gains))
+    K = np.broadcast_to(np.array(gains)[:, None], (3, z.shape[1]))
+    return steps, np.vstack([z, mapped(loop.readout, [z, steps.force, K])])
+
+
 def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0: float = 0.0) -> Trajectory:
     """Run ``loop`` with ``gains`` through ``scenario``, with Runge-Kutta steps of ``step`` [s].
 
-    ``s0`` is the law's integral at t = 0, in the unit of its kind (N s, or m s for ``cop``).
+    ``s0`` is the law's integral at t = 0, in the unit of its kind (N s, or m s for ``cop``). Raises ``OutOfTime`` where
+    a deadline is set and has passed.
     """
-    steps, run = _runner(loop, scenario, step)
-    found = run(ca.DM(gains), s0).full()
+    deadline.check()
+    if scenario.duration / step > SLAB:
+        steps, found = _in_slabs(loop, scenario, gains, step, s0)
+    else:
+        steps, run = _runner(loop, scenario, step)
+        found = run(ca.DM(gains), s0).full()
     upright = np.all(np.isfinite(found), axis=0) & (np.abs(found[0]) < FALLEN)
     fallen = None
     if not upright.all():
@@ -115,15 +132,14 @@ def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0
 def components(limits: Sequence[Limit], trajectory: Trajectory) -> list[Array]:
     """Each limit's quantity along a trajectory, (c, n)."""
     x = np.vstack([trajectory.theta, trajectory.omega])
-    stacked = _stacked(tuple(limit.quantity for limit in limits), x.shape[1])
-    found = stacked(x, trajectory.tau[None, :], trajectory.F).full()
+    found = mapped(_stacked(tuple(limit.quantity for limit in limits)), [x, trajectory.tau[None, :], trajectory.F])
     ends = np.cumsum([limit.quantity.size1_out(0) for limit in limits])
     return np.vsplit(found, ends[:-1])
 
 
 @lru_cache(maxsize=64)
-def _stacked(quantities: tuple[ca.Function, ...], count: int) -> ca.Function:
-    return all_quantities(quantities).map(count)
+def _stacked(quantities: tuple[ca.Function, ...]) -> ca.Function:
+    return all_quantities(quantities)
 
 
 def all_quantities(quantities: Sequence[ca.Function]) -> ca.Function:

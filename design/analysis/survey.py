@@ -16,6 +16,8 @@ from design.analysis.spread import in_cube
 
 Array = NDArray[np.float64]
 
+NEIGHBOURS = 10
+PART = 0.25
 DECADES = 4.0
 """How far below the upper bound the logarithmic half reaches."""
 
@@ -42,6 +44,21 @@ def best_apart(points: Array, merit: Array, count: int, lower: Array, upper: Arr
         if len(chosen) == count:
             break
     return np.asarray(points[chosen])
+
+
+def hills(points: Array, merit: Array, upper: Array) -> NDArray[np.intp]:
+    """The numbers of the ``points`` that none of their ``NEIGHBOURS`` nearest ones beats, best first.
+
+    Near is meant in the logarithms of the gains, from a thousandth of the bounds ``upper`` on. Only the best ``PART``
+    of the points can be one: a linkage rule of where to start, on a reduced sample (Rinnooy Kan and Timmer,
+    Mathematical Programming 39, 1987).
+    """
+    logarithms = np.log(np.maximum(points, 1e-3 * np.where(upper > 0, upper, 1.0)))
+    apart = np.linalg.norm(logarithms[:, None] - logarithms[None], axis=2)
+    near = np.argsort(apart, axis=1, kind="stable")[:, 1 : 1 + NEIGHBOURS]
+    good = merit >= np.quantile(merit, 1.0 - PART) if len(merit) else merit > 0
+    tops = np.flatnonzero((merit[:, None] >= merit[near]).all(axis=1) & good)
+    return np.asarray(tops[np.argsort(-merit[tops], kind="stable")])
 
 
 def in_batches(function: Callable[[Array], Array], points: Array, size: int = 64) -> Array:

@@ -5,11 +5,25 @@ from __future__ import annotations
 from typing import Any
 
 from design.analysis.objectives import OBJECTIVES
-from design.analysis.synthesis import Active, Answer, Box, Price, Synthesis, WhyNot
+from design.analysis.synthesis import (
+    MEASURED,
+    Active,
+    Answer,
+    Box,
+    Price,
+    Settling,
+    Synthesis,
+    WhyNot,
+)
 from design.present import store
 from design.present.text import Paint, Style, gains_line, number, report_table, wrapped
 from design.spec.load import Source
 from design.spec.setting import Setting
+
+SURE = (
+    f"no proof that none is better: on {MEASURED.specs} random specs a long global search found better in"
+    f" {MEASURED.missed}"
+)
 
 
 def document(source: Source, setting: Setting, answer: Answer, bound: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -36,11 +50,18 @@ def document(source: Source, setting: Setting, answer: Answer, bound: dict[str, 
         box=_box(found.box) if solved and found and found.box else None,
         bound=bound,
         why_not=_why(answer.why) if answer.why else None,
+        best_so_far=_best(answer.best) if answer.best else None,
         starts={
             "tried": answer.starts,
             "reached": found.reached if solved and found else 0,
             "distinct_optima": found.optima if solved and found else 0,
+            "measured_miss_rate": {
+                "missed": MEASURED.missed,
+                "undecided": MEASURED.undecided,
+                "random_specs": MEASURED.specs,
+            },
         },
+        default_decay_rate=_settling(answer.settling) if answer.settling else None,
         verdict=verdict,
         rows=[store.row_json(row) for row in rows],
     )
@@ -56,9 +77,12 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: 
         style = {"infeasible": Style.BAD}.get(outcome.status.word, Style.DOUBT)
         lines = [head, "", paint(outcome.status.word.upper(), style), *wrapped(outcome.status.value)]
         lines += wrapped(outcome.detail)
+        lines += _settling_lines(setting, answer)
         if answer.why:
             lines += ["", *why_lines(answer.why)]
-        if answer.missed:
+        if answer.best:
+            lines += ["", *_best_lines(setting, answer.best, paint)]
+        elif answer.missed:
             lines += ["", "At that point (not a result):", *report_table(answer.missed, paint)]
         return "\n".join(lines) + "\n"
     found = outcome.value
@@ -69,7 +93,7 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: 
         f"  {gains_line(found.gains, setting.law)}",
         f"  {setting.objective} = {_value(setting, found.value, 8)}{worst}",
         f"  solved; {found.reached} of {found.starts} starts reached it; confirmed by an independent integrator",
-        *(f"  {line}" for line in bound or ()),
+        *(f"  {line}" for line in bound or [SURE]),
         "",
         "What holds it:",
         *(f"  {_active_line(each)}" for each in found.active),
@@ -79,11 +103,58 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: 
     lines += _price_lines(setting, found)
     if found.optima > 1:
         lines.append(f"{found.optima} distinct local optima were found; this is the best of them.")
+    lines += wrapped(outcome.detail) if outcome.detail else []
+    lines += _settling_lines(setting, answer)
     lines += _before(setting, answer)
     if found.box:
         lines += ["", *_box_lines(setting, found.box)]
     lines += ["", *report_table(found.verdict.rows, paint)]
     return "\n".join(lines) + "\n"
+
+
+def _best(best: Synthesis) -> dict[str, Any]:
+    return {
+        "gains": store.gains_json(best.gains),
+        "value": best.value,
+        "rows": [store.row_json(row) for row in best.verdict.rows],
+    }
+
+
+def _best_lines(setting: Setting, best: Synthesis, paint: Paint) -> list[str]:
+    """The best design so far: it keeps every requirement, and a better one may exist."""
+    return [
+        "The best design so far was checked to keep every requirement; a better one may exist:",
+        f"  {gains_line(best.gains, setting.law)}",
+        f"  {setting.objective} = {_value(setting, best.value, 8)}",
+        "",
+        *report_table(best.verdict.rows, paint),
+    ]
+
+
+def _settling(settling: Settling) -> dict[str, Any]:
+    return {
+        "required_per_s": settling.required,
+        "kept": settling.kept,
+        "value_without": settling.value,
+        "decay_rate_without_per_s": settling.decay,
+    }
+
+
+def _settling_lines(setting: Setting, answer: Answer) -> list[str]:
+    """What was required so that the design settles, or that it does not."""
+    settling = answer.settling
+    if settling is None:
+        return []
+    if settling.kept:
+        return wrapped(
+            f"The spec asks no decay rate. At least {settling.required:.3g} 1/s was required, so that the body comes to"
+            f" rest within the scenario; without it {setting.objective} = {_value(setting, settling.value, 6)} at a"
+            f" decay rate of {settling.decay:.2g} 1/s. requirements.decay_rate_per_s = 0.0 asks for none."
+        )
+    return wrapped(
+        f"Warning: this design practically never settles: its decay rate is {settling.decay:.2g} 1/s. No design was"
+        f" found that meets the specification with at least {settling.required:.3g} 1/s."
+    )
 
 
 def _before(setting: Setting, answer: Answer) -> list[str]:
@@ -194,18 +265,19 @@ def _why(why: WhyNot) -> dict[str, Any]:
 
 
 def why_lines(why: WhyNot) -> list[str]:
-    """The conflict, and what would be enough."""
+    """The conflict, and what would be enough: what a search found, and did not find; no word of it is a proof."""
     names = " and ".join(why.conflict)
     if not why.minimal:
-        return wrapped(f"Time ran out before it was found which of {names} exclude each other; give it more time.")
+        lines = wrapped(f"Time ran out before it was known which of {names} is in the way; give it more time.")
+        return lines if why.conflict else wrapped("Time ran out before anything was known; give it more time.")
     if len(why.conflict) > 1:
-        lines = wrapped(f"{names} exclude each other: each can be met without one of the others.")
+        lines = wrapped(f"No design was found that meets {names} together; without any one of them one was found.")
     elif why.conflict:
-        lines = wrapped(f"{names} alone is out of reach.")
+        lines = wrapped(f"No design was found that meets {names}, even alone; without it one was found.")
     else:
-        lines = wrapped("Contact and stability alone are out of reach, in these scenarios and within these bounds.")
+        lines = wrapped("No design was found that keeps contact and stability alone, within these bounds.")
     if why.relaxations:
-        lines += ["Enough would be any one of:", *(f"  {each}" for each in why.relaxations)]
+        lines += ["A checked design meets the rest with any one of:", *(f"  {each}" for each in why.relaxations)]
     if not why.complete:
         lines.append("Time ran out before all that might be enough was looked at.")
     elif not why.relaxations:

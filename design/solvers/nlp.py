@@ -23,6 +23,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+LONGEST = 1e6
+"""Time limit where none is set [s]: IPOPT takes no infinity."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Nlp:
@@ -110,7 +113,7 @@ class Ipopt:
             "ipopt.acceptable_iter": 0,
             "ipopt.bound_relax_factor": 0.0,
             "ipopt.max_iter": iterations,
-            "ipopt.max_wall_time": seconds,
+            "ipopt.max_wall_time": min(seconds, LONGEST),
             "show_eval_warnings": False,
         }
 

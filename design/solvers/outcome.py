@@ -4,11 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from design.errors import Unsolved
 
 V = TypeVar("V")
+
+
+class Proof(Protocol):
+    """Why no gains at all can do it: a necessary condition that fails; ``str()`` states it with its numbers."""
+
+    @property
+    def id(self) -> str:
+        """The row that cannot be met."""
+
+    @property
+    def physical(self) -> bool:
+        """Whether no requirement or bound stands in the way, but the body, the foot and the scenario themselves."""
 
 
 class Status(Enum):
@@ -17,8 +29,8 @@ class Status(Enum):
     SOLVED = "Solved, and confirmed by an independent check."
     INFEASIBLE = "No gains within the bounds can meet the specification; this is proved."
     NOT_FOUND = (
-        "No feasible gains were found from any start. This is no proof that there are none; relax the requirement"
-        " named, widen a bound, or try more starts."
+        "No design was found that meets the specification. This is no proof that there is none; relax a requirement"
+        " named below, widen a bound, or try more starts."
     )
     STALLED = "The solver stopped before its optimality conditions held; try more starts or a finer time step."
     DISAGREEMENT = (
@@ -35,11 +47,27 @@ class Status(Enum):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome(Generic[V]):
-    """A status, a sentence of ``detail``, and a value that only a solved outcome gives away."""
+    """A status, a sentence of ``detail``, and a value that only a solved outcome gives away.
+
+    Infeasible is an outcome with a ``proof``, and no other outcome has one: raises ``ValueError`` otherwise.
+    """
 
     status: Status
     detail: str = ""
     found: V | None = None
+    proof: Proof | None = None
+
+    def __post_init__(self) -> None:
+        if (self.status is Status.INFEASIBLE) != (self.proof is not None):
+            message = (
+                f"status {self.status.name}, proof {self.proof}: what is infeasible, and nothing else, has a proof"
+            )
+            raise ValueError(message)
+
+    @classmethod
+    def infeasible(cls, proof: Proof) -> Outcome[V]:
+        """The outcome that ``proof`` proves."""
+        return cls(status=Status.INFEASIBLE, detail=str(proof), proof=proof)
 
     @property
     def value(self) -> V:

@@ -37,6 +37,7 @@ class Setting:
     ``required`` maps a row's id (and ``contact-force`` for toe and heel) to its level in the row's unit. ``objective``:
     the row that gains are sought for (``design.analysis.objectives``); ``robust``: for every body within
     ``tolerances``. ``bounds`` (3, 2): lower and upper (K_p, K_d, K_f), or None. ``step`` is the Runge-Kutta step [s].
+    ``decay_asked``: whether the spec itself asks for a decay rate or for settling.
     ``adapt``: the time [s] within which theta_d follows the estimated posture, infinite where it is fixed. ``known``:
     the body that the law reckons with, where ``biped`` is another. ``target``: where the CoP is to come to rest, P_d
     [m]. ``ground_loads``: slopes load the foot as well (``Biped.ground_loads``, ``under``). ``fixed_weights``: the keys
@@ -65,6 +66,7 @@ class Setting:
     written: tuple[float | None, float | None, float | None] = (None, None, None)
     ground_loads: bool = False
     fixed_weights: frozenset[str] = frozenset()
+    decay_asked: bool = True
 
     def loop(self) -> ClosedLoop:
         """The closed loop with the gains left open."""
@@ -202,6 +204,7 @@ def setting(spec: Spec) -> Setting:
         gains=_usable(written, spec.law.kind),
         written=written,
         required=_required(spec.requirements),
+        decay_asked=bool({"decay_rate_per_s", "settling_s"} & spec.requirements.model_fields_set),
         objective=spec.synthesis.maximise or spec.synthesis.minimise or "decay-rate",
         robust=spec.synthesis.robust,
         starts=spec.synthesis.starts,

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from design.deadline import OutOfTime
 from problems.bound.course import UNSEEN, Course, Seen
 from problems.bound.poles import Poles
 from problems.bound.relax import Quadratics, smallest_row
@@ -152,6 +153,7 @@ def branch(
     size = AT_ONCE * (8 if test.course is None else 1)
     target = target_of(best, gap)
     while len(open_) and time.monotonic() < deadline:
+        unsettled = open_
         order = np.argsort(-open_.most, kind="stable")
         now, open_ = open_.at(order[:size]), open_.at(order[size:])
         missed, matters = test.missed(now, np.full(len(now), target))
@@ -164,7 +166,11 @@ def branch(
             continue
         old = now.age >= GENERATIONS if test.course is not None else np.ones(len(now), dtype=bool)
         if old.any():
-            seen = None if test.course is None else test.course.look(now.centre[old], now.radius[old])
+            try:
+                seen = None if test.course is None else test.course.look(now.centre[old], now.radius[old])
+            except OutOfTime:  # the boxes of this round stay as they were before it
+                open_ = unsettled
+                break
             points, reached = test.reached(now.at(old), seen)
             top = int(np.argmax(reached))
             if reached[top] > best + TRIED * max(abs(best), SMALLEST):

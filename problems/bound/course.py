@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from design import deadline
 from design.analysis.motion import Motion
 from design.analysis.simulate import FALLEN
 from design.buffered import Buffered
@@ -82,7 +83,7 @@ class Course:
         self.of: Array = np.concatenate([np.tile(of, PICKS) for of in self._of])
 
     def look(self, centre: Array, radius: Array) -> Seen:
-        """At boxes (b, 3)."""
+        """At boxes (b, 3). Raises ``OutOfTime`` between batches where a deadline is set and has passed."""
         parts = [self._batch(centre[k : k + BATCH], radius[k : k + BATCH]) for k in range(0, len(centre), BATCH)]
         rows = Quadratics(*(np.concatenate([getattr(part.rows, name) for part in parts]) for name in ("f", "g", "H")))
         rest = (
@@ -92,6 +93,7 @@ class Course:
         return Seen(rows, *rest)
 
     def _batch(self, centre: Array, radius: Array) -> Seen:
+        deadline.check()
         count = len(centre)
         fill = np.arange(BATCH) % count
         centre, radius = centre[fill], radius[fill]

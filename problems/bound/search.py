@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.analysis.synthesis import Synthesis
+from design.deadline import deadline as limited
 from design.errors import BadInput
 from design.model.laws import Gains
 from design.spec.setting import Setting
@@ -50,7 +51,12 @@ def bracket(
     """
     check(setting)
     begun = time.monotonic()
-    question = Question(setting)
+    with limited(begun + seconds):
+        return _bracket_of(setting, synthesis, begun, seconds, gap, say)
+
+
+def _bracket_of(setting: Setting, synthesis: Synthesis, begun: float, seconds: float, gap: float, say: Say) -> Bracket:
+    question = Question(setting, reach=math.inf)  # what is said of all gains is asked of all gains
     goal = question.goal(setting.objective)
     keeper = _Keeper(setting, goal, question, synthesis, begun + seconds, say)
     best = goal.v(synthesis.value)
@@ -97,7 +103,7 @@ class _Keeper:
         self._tries += 1
         self._say(f"polishing better gains: {self._goal.value(v):.6g} {self._goal.unit}")
         near = Point(gains=Gains(*map(float, point * self._scale)), v=v)
-        left = max(self._deadline - time.monotonic(), 10.0)
+        left = max(self._deadline - time.monotonic(), 0.0)
         found = gains.solve(self._setting, seconds=left, near=near).outcome.found
         if found is not None and self._goal.v(found.value) > self.v:
             self.best = found

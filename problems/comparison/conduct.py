@@ -168,11 +168,11 @@ def _gains(problem: Setting, names: Sequence[str], say: Say) -> tuple[dict[str, 
 
 def _synthesized(problem: Setting) -> tuple[Gains | None, int, str]:
     """Gains, the starts that were tried, and why there are none."""
-    from problems.robust import solve
+    from problems.settling import solve
 
     if problem.bounds is None:
         return None, 0, "the spec has no [synthesis.bounds]"
-    answer = solve(problem)
+    answer = solve(problem)[1]
     if answer.outcome.status is not Status.SOLVED:
         return None, answer.starts, f"synthesis: {answer.outcome.status.value}"
     return answer.outcome.value.gains, answer.starts, ""

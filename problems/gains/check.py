@@ -43,7 +43,7 @@ def checked(grid: Grid, winner: Local, tried: int, reached: int, optima: int) ->
         others, broken_beside = _beside(question, goal, gains)
     value = min(value, others) if goal.sign > 0 else max(value, others)
     claim = goal.value(winner.point.v)
-    active = (*_active(question, goal, gains, verdict, value), *_along(grid, gains, verdict, value))
+    active = (*active_rows(question, goal, gains, verdict, value), *_along(grid, gains, verdict, value))
     synthesis = Synthesis(
         gains=gains, objective=goal.id, value=value, active=active,
         verdict=verdict, starts=tried, reached=reached, optima=optima, prices=prices(grid, winner),
@@ -125,10 +125,10 @@ def _doubt(question: Question, goal: Goal, gains: Gains, verdict: Verdict) -> st
     return ""
 
 
-def _active(question: Question, goal: Goal, gains: Gains, verdict: Verdict, value: float) -> tuple[Active, ...]:
+def active_rows(question: Question, goal: Goal, gains: Gains, verdict: Verdict, value: float) -> tuple[Active, ...]:
     """Bounds and rows that are tight at the optimum."""
     found = []
-    for name, gain, low, high in zip(GAINS, gains, question.lower, question.upper, strict=True):
+    for name, gain, low, high in zip(GAINS, gains, question.lower, question.widest, strict=True):
         for bound in {float(low), float(high)} if (name != "kf" or question.setting.law != "pd") else ():
             if abs(gain - bound) <= 1e-6 * max(high, 1e-300):
                 found.append(Active(id=name, scenario=None, time_s=None, value=gain, required=bound))

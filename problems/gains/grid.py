@@ -11,8 +11,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from design import deadline
 from design.analysis.motion import Motion
 from design.analysis.simulate import FALLEN, all_quantities
+from design.analysis.slabs import SLAB, mapped
 from design.model.environment import Steps
 from design.model.limits import Limit
 from problems.gains.approach import Branch, Path, paths
@@ -57,13 +59,13 @@ class Grid:
     @cached_property
     def samples(self) -> list[Steps]:
         """The samples of each case; those of the report at full resolution, and the marks too on a coarser grid."""
-        found = [case.scenario.steps(self.step) for case in self.cases]
-        if self.step <= self.question.setting.step:
-            return found
-        return [
-            case.scenario.steps_at(np.append(steps.t, case.marks)) if case.marks else steps
-            for case, steps in zip(self.cases, found, strict=True)
-        ]
+        found = []
+        for case in self.cases:
+            deadline.check()
+            steps = case.scenario.steps(self.step)
+            marked = case.marks and self.step > self.question.setting.step
+            found.append(case.scenario.steps_at(np.append(steps.t, case.marks)) if marked else steps)
+        return found
 
     @cached_property
     def whole(self) -> list[Motion]:
@@ -153,12 +155,15 @@ class Grid:
         return sought if self.goal.id == "settling" else min(v, sought)
 
     @cached_property
-    def quantities(self) -> list[ca.Function]:
+    def quantities(self) -> list[Any]:
         """For each case: (K, v) -> theta and the quantities of all that is asked, a row each, at all samples."""
         p = ca.MX.sym("p", 4)
-        found = []
+        found: list[Any] = []
         for case, motion in zip(self.cases, self.whole, strict=True):
             stacked = all_quantities([limit.quantity for limit in case.limits])
+            if len(motion.steps.t) > SLAB:
+                found.append(_InSlabs(case, motion, stacked))
+                continue
             z = motion.all_states(p[: motion.free])
             n = z.size2()
             tau = case.loop.torque.map(n)(z, ca.repmat(p[:3], 1, n))
@@ -219,6 +224,34 @@ class Grid:
     def rows(self, case: Case, limit: Limit, quantity: Any, v: Any) -> list[Any]:
         """Rows >= 0 that ``limit`` gives the program, scaled: against what is required, and against the objective."""
         return [row - of * v for row, of in limit_rows(self.question, self.goal, case, limit, quantity)]
+
+
+class _InSlabs:
+    """The function p = (K, v) -> theta and all quantities of a ``case`` with many samples, for numbers alone."""
+
+    def __init__(self, case: Case, motion: Motion, stacked: ca.Function) -> None:
+        self._case, self._motion, self._stacked = case, motion, stacked
+
+    def __call__(self, p: Array) -> _Dense:
+        case, motion = self._case, self._motion
+        z = motion.in_slabs(p)
+        K = np.broadcast_to(p[:3, None], (3, z.shape[1]))
+        F = np.asarray(ca.DM(motion.force(None, ca.DM(p))))
+        rows = [z[:1], mapped(self._stacked, [z[:2], mapped(case.loop.torque, [z, K]), F])]
+        if case.rate is not None:
+            rows.append(mapped(case.rate.quantity, [z, F, K]))
+        return _Dense(np.vstack(rows))
+
+
+class _Dense:
+    """An array with the one method of CasADi's matrices that is called here."""
+
+    def __init__(self, array: Array) -> None:
+        self._array = array
+
+    def full(self) -> Array:
+        """The array."""
+        return self._array
 
 
 def limit_rows(question: Question, goal: Goal, case: Case, limit: Limit, quantity: Any) -> list[tuple[Any, float]]:

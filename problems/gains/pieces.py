@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from design import deadline
 from design.analysis.further import MARGINS
 from design.analysis.objectives import OBJECTIVES
 from design.analysis.slope_rate import peak_gain
@@ -54,8 +55,10 @@ LAGS = {"phase-margin": "actuator", "delay-margin": "actuator", "force-delay-mar
 def values(question: Question, ids: Sequence[str], K: Array, step: float) -> Pieces | None:
     """The values of each row in every environment or scenario that it has some in; None if the loop is unstable.
 
-    What is infinitely good is left out; what is infinitely bad is infinite.
+    What is infinitely good is left out; what is infinitely bad is infinite. Raises ``OutOfTime`` where a deadline has
+    passed.
     """
+    deadline.check()
     gains = Gains(*map(float, K))
     found: Pieces = {}
     try:

@@ -21,7 +21,6 @@ from problems.gains.exchange import Local, Solved
 from problems.gains.goal import GAIN_UNITS, GAINS
 from problems.gains.grid import Grid
 from problems.gains.program import pose
-from problems.gains.question import Question
 
 Array = NDArray[np.float64]
 
@@ -65,7 +64,7 @@ def _rows(grid: Grid, solved: Solved, id: str, level: float) -> Array:
     """The rows g of the program with another level, at the optimum."""
     setting = grid.question.setting
     moved = replace(setting, required={**setting.required, id: Required(level=level, soft=setting.required[id].soft)})
-    other = grid.asking(Question(moved, grid.question.worlds[1:]))
+    other = grid.asking(grid.question.asking(moved))
     program, _ = pose(other, solved.instants, solved.shift, solved.models, branches=solved.branches)
     return np.asarray(ca.Function("rows", [program.x], [program.g])(solved.answer.x).full().ravel())
 
@@ -75,7 +74,7 @@ def _bounds(grid: Grid, solved: Solved) -> list[Price]:
     question, found = grid.question, []
     for k, name in enumerate(GAINS):
         price = float(solved.answer.x_multiplier[k]) / question.scale[k]  # positive at an upper bound
-        bound = question.upper[k] if price > 0 else question.lower[k]
+        bound = question.widest[k] if price > 0 else question.lower[k]
         at = abs(solved.answer.x[k] * question.scale[k] - bound) <= 1e-5 * question.scale[k]
         if at and bound > 0:
             kind = "upper bound" if price > 0 else "lower bound"

@@ -27,6 +27,7 @@ from design.model.stability import characteristic, normalised_slacks, polynomial
 from design.model.standing import Place, standing
 from design.spec.setting import Setting
 from problems.gains.goal import FEASIBILITY, MORE, Goal, goal_of
+from problems.gains.working_box import working_upper
 
 Array = NDArray[np.float64]
 
@@ -88,18 +89,27 @@ class Environment:
 
 
 class Question:
-    """The parts of the program that do not change: bodies, limits, environments, bounds, scales."""
+    """The parts of the program that do not change: bodies, limits, environments, bounds, scales.
 
-    def __init__(self, setting: Setting, beside: Sequence[Setting] = ()) -> None:
-        self.setting = setting
+    ``lower``, ``upper`` (3,): the working box of gains, which lies within the spec's bounds ``lower``, ``widest``; see
+    ``problems.gains.working_box`` for ``reach``.
+    """
+
+    def __init__(self, setting: Setting, beside: Sequence[Setting] = (), reach: float = 1.0) -> None:
+        self.setting, self.reach = setting, reach
         self.worlds = (setting, *beside)
-        self.lower, self.upper = _bounds(setting)
+        self.environments: list[Environment] = [each for world in self.worlds for each in environments(world)]
+        self.lower, self.widest = _bounds(setting)
+        self.upper: Array = working_upper(setting, self.environments, self.lower, self.widest, reach)
         self.scale: Array = np.where(self.upper > 0, self.upper, 1.0)
         biped = setting.biped
         self.pace: float = float(np.sqrt(max(self.upper[0], 1e-9) / biped.I))
         """A typical frequency of the loop [1/s], the scale of decay rates."""
         self.limits: list[Limit] = limits(setting.loop().plant, setting.required)
-        self.environments: list[Environment] = [each for world in self.worlds for each in environments(world)]
+
+    def asking(self, setting: Setting) -> Question:
+        """The same question about a ``setting`` that differs in levels and objective: bodies and scales stay."""
+        return Question(setting, self.worlds[1:], self.reach)
 
     def level(self, id: str) -> float | None:
         """The hard level of a row in its unit; None where nothing hard is asked."""
@@ -144,6 +154,10 @@ class Question:
             **dict(zip(("kp", "kd", "kf"), self.scale.tolist(), strict=True)),
         }
         return sizes[id.rstrip(MORE)]
+
+    def scale_or_one(self, id: str) -> float:
+        """A typical size of any row's value; 1 for a row that cannot be an objective, such as (27)-(29)."""
+        return self.scale_of(id) if id in OBJECTIVES else 1.0
 
     def size_of(self, id: str) -> float:
         """What a requirement's shortfall is measured in: its level, or a typical size where that is 0."""

@@ -4,27 +4,42 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from design import deadline
+from design.analysis.spread import in_cube
 from design.analysis.survey import best_apart, candidates, in_batches
 from design.analysis.survival import push, step_slope
 from design.model.laws import Gains
 from problems.gains.exchange import FAR, Local, lowest_below, pruned, union
+from problems.gains.goal import FEASIBILITY, Goal
 from problems.gains.grid import Grid, Instants, Point, limit_rows
 from problems.gains.modelled import margins, wanted
 from problems.gains.pieces import values
 from problems.gains.program import objective_range
-from problems.gains.question import SURVIVALS, question_decay
+from problems.gains.question import SURVIVALS, Question, question_decay
 from problems.gains.sequential import meets, optimise
 
 Array = NDArray[np.float64]
 
 CANDIDATES = 256
+DECADES = 2.5
+"""How far below its bound K_d is tried."""
+FINEST = 3.0
+"""How far below what (29) allows K_f is tried, in decades."""
+BATCH = 64
+AT_ONCE = 2_000_000
+"""Samples of all runs that are marched at once, at most."""
+CLEARLY = 0.2
+"""Margin, in its scale, by which a requirement is missed clearly."""
 CLOSER = 24
 """Candidates of which also the rows are looked at that take longer."""
+CLOSE = 0.1
+"""Smallest margin, in its scale, at which a nearest miss may be one of the search and not of the specification."""
 MISSED = -100.0
 """Merit of what just misses a requirement; what is feasible has a greater one."""
 UNKNOWN = -50.0
@@ -34,20 +49,17 @@ UNKNOWN = -50.0
 def survey(grid: Grid) -> tuple[Array, Array]:
     """Points of the box of gains (count, 3) and their merits (count,): v where feasible, else ``MISSED`` or less."""
     question, goal = grid.question, grid.goal
-    points = candidates(question.lower, question.upper, CANDIDATES)
-    given = question.setting.gains
+    points = _candidates(question)
+    own = question.setting.gains
     corner = np.array([question.upper[0], question.upper[1], max(question.lower[2], 1e-3 * question.upper[2])])
-    extra = [corner] if given is None else [corner, np.clip(np.array(given), question.lower, question.upper)]
+    extra = [corner] if own is None else [corner, np.clip(np.array(own), question.lower, question.upper)]
     points = np.maximum(np.vstack([*extra, points]), 1e-9 * question.upper)
     decay = np.array([question_decay(question, K) for K in points])
     merit = np.where(decay > 0, MISSED - 10.0, -1e3) + np.minimum(decay / question.pace, 1.0)
     stable = np.flatnonzero(decay > 0)
     if not len(stable):
         return points, merit
-    size = min(64, len(stable))
-    K = ca.MX.sym("K", 3)
-    lowest = ca.Function("lowest", [K], [_lowest(grid, K)]).map(size)
-    rows, objective = in_batches(lambda batch: np.asarray(lowest(batch).full()), points[stable], size)
+    rows, objective = _lowest_rows(grid, points[stable])
     if goal.id == "decay-rate":
         objective = decay[stable] / question.pace
     elif goal.id == "routh-margin":
@@ -56,10 +68,68 @@ def survey(grid: Grid) -> tuple[Array, Array]:
         objective = goal.sign * points[stable, goal.gain] / goal.scale
     elif goal.id == "goals" and (wish := question.wish("decay-rate")) is not None:
         objective = np.minimum(objective, (decay[stable] - wish) / question.size_of("decay-rate"))
-    missing = np.minimum(rows, (decay[stable] - question.decay) / question.pace)
-    value = np.where(missing >= 0, np.maximum(objective, UNKNOWN), MISSED + np.maximum(missing, -8.0))
+    short = np.minimum(rows, (decay[stable] - question.decay) / question.pace)
+    value = np.where(short >= 0, np.maximum(objective, UNKNOWN), MISSED + np.maximum(short, -8.0))
     merit[stable] = np.where(np.isfinite(value), value, MISSED - 9.0)
     return points, _closer(grid, points, merit)
+
+
+def _candidates(question: Question) -> Array:
+    """``CANDIDATES`` gains: half of them spread over the working box, half over the stable part of it.
+
+    The stable ones have K_p from A L on (27), K_d over ``DECADES``, and K_f a part of what (29) allows beside them, all
+    evenly in their logarithms: however wide the box is, they are where designs can be.
+    """
+    lower, upper = question.lower, question.upper
+    points = candidates(lower, upper, CANDIDATES)
+    if question.setting.law == "pd":
+        return points
+    cube = in_cube(CANDIDATES // 2, 3)
+    places = [each.place for each in question.environments]
+    biped = question.setting.biped
+    AL = max(max(place.A, 0.0) for place in places) * biped.L
+    beta = max(place.beta for place in places)
+    least = np.clip(1.02 * AL, max(lower[0], 1e-9 * upper[0]), upper[0])
+    K_p = least * (upper[0] / least) ** cube[:, 0]
+    K_d = upper[1] * 10.0 ** (-DECADES * (1 - cube[:, 1]))
+    most = biped.ell * K_d * np.maximum(1 - AL / K_p, 0.0) / max(biped.I + beta, 0.1 * biped.I)
+    K_f = most * 10.0 ** (-FINEST * (1 - cube[:, 2]))
+    stable = np.clip(np.column_stack([K_p, K_d, K_f]), lower, upper)
+    return np.vstack([points[: CANDIDATES - len(stable)], stable])
+
+
+def missing(grid: Grid, points: Array) -> Array:
+    """The smallest scaled margin (n,) of all hard requirements at gains ``points`` (n, 3); below 0 what is missed.
+
+    Of points that miss the sampled rows or the poles by more than ``CLEARLY`` the other rows are not looked at.
+    """
+    question = grid.question
+    ids = wanted(question, FEASIBILITY)
+    decay = np.array([question_decay(question, K) for K in points])
+    margins = np.where(decay > 0, 0.0, -10.0) + np.clip((decay - question.decay) / question.pace, -10.0, 10.0)
+    stable = np.flatnonzero(decay > 0)
+    if len(stable):
+        rows, _ = _lowest_rows(grid.feasibility, points[stable], FEASIBILITY)
+        margins[stable] = np.minimum(margins[stable], np.where(np.isfinite(rows), np.maximum(rows, -9.0), -9.0))
+    for k in np.flatnonzero(margins > -CLEARLY) if ids else ():
+        _, short = _slow_rows(grid, ids, points[k], FEASIBILITY)
+        margins[k] = min(float(margins[k]), short)
+    return margins
+
+
+def _lowest_rows(grid: Grid, points: Array, goal: Goal | None = None) -> tuple[Array, Array]:
+    """The smallest scaled margin of the sampled requirements (n,), and the smallest objective row (n,)."""
+    samples = max(len(steps.t) for steps in grid.samples)
+    size = max(1, min(BATCH, len(points), AT_ONCE // samples))
+    lowest = _mapped(grid, size)
+    rows, objective = in_batches(lambda batch: np.asarray(lowest(batch).full()), points, size)
+    return (np.minimum(rows, objective), objective) if goal is not None else (rows, objective)
+
+
+@lru_cache(maxsize=4)
+def _mapped(grid: Grid, size: int) -> ca.Function:
+    K = ca.MX.sym("K", 3)
+    return ca.Function("lowest", [K], [_lowest(grid, K)]).map(size)
 
 
 def _closer(grid: Grid, points: Array, merit: Array) -> Array:
@@ -74,26 +144,37 @@ def _closer(grid: Grid, points: Array, merit: Array) -> Array:
         at = int(np.flatnonzero((points == K).all(axis=1))[0])
         if merit[at] <= MISSED:
             continue
-        found = values(question, ids, K, grid.step) if ids else {}
-        if found is None:
-            merit[at] = MISSED - 9.0
-            continue
-        v, missing = (float(merit[at]) if goal.id == "goals" else math.inf), 0.0
-        for (id, _, gap), pieces in found.items():
-            for _, value, _ in () if gap else pieces:
-                for margin, of in margins(question, goal, id, value):
-                    v, missing = (min(v, margin), missing) if of else (v, min(missing, margin))
+        v, short = (float(merit[at]) if goal.id == "goals" else math.inf), 0.0
+        worst, low = _slow_rows(grid, ids, K, goal)
+        v, short = min(v, worst), min(short, low)
         for kind in sized:
             survived, wish = _survived(grid, kind, Gains(*map(float, K))), question.wish(kind)
             if goal.id == "goals" and wish is not None:
                 v = min(v, (survived - wish) / question.size_of(kind))
             elif goal.id == kind:
                 v = min(v, goal.v(survived))
-        if missing < 0:
-            merit[at] = MISSED + max(missing, -8.0)
+        if short < 0:
+            merit[at] = MISSED + max(short, -8.0)
         elif math.isfinite(v):
             merit[at] = max(v, UNKNOWN)
     return merit
+
+
+def _slow_rows(grid: Grid, ids: tuple[str, ...], K: Array, goal: Goal) -> tuple[float, float]:
+    """The objective that rows without samples allow, and their smallest margin, scaled; infinite where none is."""
+    deadline.check()
+    rows = values(grid.question, ids, K, grid.step) if ids else {}
+    if rows is None:
+        return -math.inf, -9.0
+    v, short = math.inf, math.inf
+    for (id, _, gap), pieces in rows.items():
+        for _, value, _ in () if gap else pieces:
+            for margin, of in margins(grid.question, goal, id, value):
+                if of and goal is not FEASIBILITY:
+                    v = min(v, margin)
+                else:
+                    short = min(short, margin)
+    return v, short
 
 
 def _survived(grid: Grid, kind: str, gains: Gains) -> float:
@@ -124,11 +205,12 @@ def _lowest(grid: Grid, K: ca.MX) -> ca.MX:
 
 
 def from_start(
-    grid: Grid, K: Array, merit: float, instants: Instants, deadline: float, *, stay: bool = False
+    grid: Grid, K: Array, merit: float, instants: Instants, end: float, *, stay: bool = False
 ) -> tuple[Local, bool]:
     """What is reached from ``K``, and whether that is an optimum of the goal: else it is the nearest miss, or nothing.
 
-    A start that is not feasible goes through feasibility first. ``stay``: see ``optimise``.
+    A start that is not feasible goes through feasibility first. Where that ends at most ``CLOSE`` from feasible it may
+    rest at a kink: the goal's own program then tries to get there. ``stay``: see ``optimise``.
     """
     low, _ = objective_range(grid.question, grid.goal)
     feasible = merit > MISSED
@@ -138,10 +220,17 @@ def from_start(
         instants = pruned(margins, lowest_below(FAR, margins, instants, most=3, reach=1 if stay else 0))
     if not feasible or not meets(grid, point):
         near = replace(point, v=0.0 if feasible else max(merit - MISSED, -2.0))
-        nearest = optimise(grid.feasibility, near, instants, deadline)
-        if not nearest.converged or nearest.point.v < -1e-6:
+        nearest = optimise(grid.feasibility, near, instants, end)
+        if not nearest.converged or nearest.point.v < -CLOSE or (nearest.point.v < -1e-6 and not _kinked(grid)):
             return nearest, False
         instants = union(instants, nearest.instants)
         point = Point(gains=nearest.point.gains, v=max(low, -1.0))
-    found = optimise(grid, point, instants, deadline, stay=stay)
+        found = optimise(grid, point, instants, end, stay=stay)
+        return (found, True) if found.converged else (nearest, False)
+    found = optimise(grid, point, instants, end, stay=stay)
     return found, found.converged
+
+
+def _kinked(grid: Grid) -> bool:
+    """Whether there are requirements whose rows are models, with kinks."""
+    return bool(wanted(grid.question, FEASIBILITY))

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from design.analysis.spread import in_box
 from design.analysis.synthesis import Answer, Box, BoxPoint
+from design.deadline import OutOfTime
+from design.deadline import deadline as limited
 from design.model.laws import Gains
 from design.proof.box import prove
 from design.solvers.outcome import Outcome, Status
@@ -36,18 +38,41 @@ PROOF = 30.0
 """Seconds for the proofs of contact over the box, in all scenarios."""
 
 
-def solve(setting: Setting, *, starts: int | None = None, seconds: float = 600.0, say: Say = lambda _: None) -> Answer:
-    """Gains for every point of the box of [uncertainty]; without one, or with ``robust`` off, for the nominal body."""
+def solve(
+    setting: Setting,
+    *,
+    starts: int | None = None,
+    seconds: float = 600.0,
+    say: Say = lambda _: None,
+    known: Sequence[Gains] = (),
+) -> Answer:
+    """Gains for every point of the box of [uncertainty]; without one, or with ``robust`` off, for the nominal body.
+
+    ``known``: gains that may meet the specification, to start from too.
+    """
     deadline = time.monotonic() + seconds
-    first = nominal.solve(setting, starts=starts, seconds=seconds, say=say)
+    first = nominal.solve(setting, starts=starts, seconds=seconds, say=say, known=known)
     if not setting.robust or setting.tolerances.none or first.outcome.found is None:
         return first
+    try:
+        with limited(deadline):
+            return _over_box(setting, first, starts, deadline, say, known)
+    except OutOfTime:
+        said = "The best gains for the nominal body are known, what the box of [uncertainty] does to them is not."
+        return Answer(outcome=Outcome(status=Status.TIME_LIMIT, detail=said), starts=first.starts)
+
+
+def _over_box(
+    setting: Setting, first: Answer, starts: int | None, deadline: float, say: Say, known: Sequence[Gains]
+) -> Answer:
+    """Rounds of the worst point of the box, and gains that hold there too."""
     question = Question(setting)
     goal = question.goal(setting.objective)
     step = question.coarse_step
-    answer, found = first, first.outcome.found
+    answer, found = first, first.outcome.value
     best, v = found.gains, goal.v(found.value)
     points: list[Weak] = []
+    met = [*known, best]
     for round_ in range(ROUNDS):
         say(f"round {round_ + 1}: looking for the body and world that breaks the design worst")
         weak = weakest(question, goal, best, v, step)
@@ -61,9 +86,9 @@ def solve(setting: Setting, *, starts: int | None = None, seconds: float = 600.0
         near = Point(gains=best, v=v + min(each.margin for each in new))
         answer = nominal.solve(setting, seconds=max(left, 0.01), say=say, beside=beside, near=near)
         if answer.outcome.found is None and left > 0:
-            answer = nominal.solve(
-                setting, starts=starts, seconds=max(deadline - time.monotonic(), 0.01), say=say, beside=beside
-            )
+            left = max(deadline - time.monotonic(), 0.01)
+            met.append(best)
+            answer = nominal.solve(setting, starts=starts, seconds=left, say=say, beside=beside, known=met)
         if answer.outcome.found is None:
             return _over_the_box(setting, answer, points)
         best, v = answer.outcome.found.gains, goal.v(answer.outcome.found.value)

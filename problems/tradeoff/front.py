@@ -73,16 +73,9 @@ def solve(
     no bounds of the gains.
     """
     designer = Designer(setting, margins.ids, time.monotonic() + seconds)
-    ends: list[Design] = []
-    for id in margins.ids:
-        left = max(designer.deadline - time.monotonic(), 0.01)
-        answer = single.solve(replace(designer.setting, objective=id), seconds=left, say=_told(say, f"best {id}: "))
-        found = answer.outcome.found and designer.known(answer.outcome.found, id, {})
-        if not found:
-            status = answer.outcome.status if answer.outcome.found is None else Status.DISAGREEMENT
-            said = f"No end of the front: the best {id}. {answer.outcome.detail}"
-            return Outcome(status=status, detail=said.strip())
-        ends.append(found)
+    ends = _ends(designer, margins, say)
+    if isinstance(ends, Outcome):
+        return ends
     search = _Search(designer, margins, _ties_broken(designer, margins, ends, say))
     while len(search.designs) < points and not designer.late:
         gap = search.widest()
@@ -91,6 +84,34 @@ def solve(
         say(f"point {len(search.designs) + 1} of {points}; the widest gap is {gap.length:.2g} of the range")
         search.halve(gap)
     return search.finished(points, setting.gains)
+
+
+def _ends(designer: Designer, margins: Margins, say: Say) -> list[Design] | Outcome[Front]:
+    """The best design of each margin, or how the search for one ended.
+
+    Each starts from those that are known too, which are feasible. One that was not found is sought again from them.
+    """
+    ends: dict[str, Design] = {}
+    setting, failed = designer.setting, Outcome[Front](status=Status.TIME_LIMIT)
+    for id in (*margins.ids, *margins.ids):
+        left = designer.deadline - time.monotonic()
+        if id in ends or left <= 0:
+            continue
+        known = [end.gains for end in ends.values()]
+        problem = replace(setting, objective=id)
+        answer = single.solve(problem, seconds=left, say=_told(say, f"best {id}: "), known=known)
+        if answer.outcome.proof is not None:
+            return Outcome.infeasible(answer.outcome.proof)
+        end = None if answer.outcome.found is None else designer.known(answer.outcome.found, id, {})
+        if end is not None:
+            ends[id] = end
+            continue
+        status = answer.outcome.status if answer.outcome.found is None else Status.DISAGREEMENT
+        said = f"No end of the front: the best {id}. {answer.outcome.detail}"
+        failed = Outcome(status=status, detail=said.strip())
+        if not ends and id == margins.ids[-1]:
+            break  # there is nothing to start from
+    return [ends[id] for id in margins.ids] if len(ends) == len(margins.ids) else failed
 
 
 def _told(say: Say, before: str) -> Say:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from design.analysis.rows import Verdict
 from design.analysis.synthesis import Active, Synthesis
 from design.analysis.verdict import judge
+from design.deadline import OutOfTime
+from design.deadline import deadline as limited
 from design.model.laws import Gains
 from design.model.limits import Required
 from design.spec.setting import Setting
@@ -87,10 +89,18 @@ class Designer:
     ) -> Design | None:
         """The design of the largest margin ``id`` above the ``levels`` of others, or None if none was found.
 
-        It starts at ``gains``, where the margin is thought to be ``value``; ``near``: at full resolution at once.
+        It starts at ``gains``, where the margin is thought to be ``value``; ``near``: at full resolution at once. None
+        too where time is over.
         """
+        try:
+            with limited(self.deadline):
+                return self._best(id, levels, gains, value, near)
+        except OutOfTime:
+            return None
+
+    def _best(self, id: str, levels: Mapping[str, float], gains: Gains, value: float, near: bool) -> Design | None:
         required = {**self.setting.required, **{other: Required(level=level) for other, level in levels.items()}}
-        question = Question(replace(self.setting, objective=id, required=required))
+        question = self._question.asking(replace(self.setting, objective=id, required=required))
         goal = question.goal(id)
         fine, coarse = (grid.asking(question) for grid in self._bases(id))
         point = Point(gains=Gains(*np.clip(np.array(gains), question.lower, question.upper)), v=goal.v(value))
@@ -117,12 +127,12 @@ class Designer:
             own = self._question.level("decay-rate")
             level = required["decay-rate"].level - BLURRED * question.pace
             required["decay-rate"] = Required(level=level if own is None else max(level, own))
-        return Question(replace(question.setting, required=required))
+        return question.asking(replace(question.setting, required=required))
 
     def _bases(self, id: str) -> tuple[Grid, Grid]:
         """The grids at full resolution and coarse whose trajectories the questions about this margin share."""
         if id not in self._grids:
-            question = Question(replace(self.setting, objective=id))
+            question = self._question.asking(replace(self.setting, objective=id))
             goal = question.goal(id)
             self._grids[id] = (
                 Grid(question, question.setting.step, goal),

@@ -5,16 +5,22 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from design import deadline
 from design.analysis.objectives import OBJECTIVES
 from design.analysis.survey import best_apart
-from design.analysis.synthesis import Relaxation, WhyNot
+from design.analysis.synthesis import Relaxation, Synthesis, WhyNot
+from design.analysis.verdict import judge
+from design.deadline import OutOfTime
+from design.deadline import deadline as limited
+from design.model.laws import Gains
 from design.model.limits import Required
 from design.spec.setting import Setting
 from problems import gains
+from problems.gains.direct import most_feasible
 from problems.gains.goal import FEASIBILITY, GAIN_UNITS, GAINS, MORE
 from problems.gains.grid import Grid
 from problems.gains.question import Question
@@ -23,6 +29,8 @@ from problems.gains.starts import from_start, survey
 Say = Callable[[str], None]
 
 STARTS = 4
+NEARLY = 1e-6
+"""Smallest margin, in its scale, from which a requirement counts as met on the coarse grid."""
 WIDER = 4.0
 """How many times as far bounds are opened to see whether that would do."""
 DIGITS = 5
@@ -32,31 +40,76 @@ DIGITS = 5
 def solve(
     setting: Setting, *, beside: Sequence[Setting] = (), seconds: float = 120.0, say: Say = lambda _: None
 ) -> WhyNot:
-    """Say why ``setting``, known to be infeasible, cannot be met, also by the bodies ``beside`` it."""
-    deadline = time.monotonic() + seconds
-    asked = [id for id, wish in setting.required.items() if not wish.soft and _binds(id, wish)]
-    conflict = list(asked)
+    """Say why no design was found for ``setting``, also for the bodies ``beside`` it."""
+    end = time.monotonic() + seconds
+    asked = tuple(id for id, wish in setting.required.items() if not wish.soft and _binds(id, wish))
+    filtered = _Filtered(conflict=list(asked))
+    try:
+        with limited(end):
+            _filter(setting, asked, beside, filtered, say)
+            if not filtered.feasible:
+                _relax(setting, beside, filtered, say)
+            filtered.complete = True
+    except OutOfTime:  # then not to have found a point means nothing
+        pass
+    conflict = tuple(filtered.conflict) if filtered.minimal else asked
+    return WhyNot(
+        conflict=conflict, minimal=filtered.minimal, complete=filtered.complete,
+        relaxations=tuple(filtered.relaxations), feasible=tuple(filtered.feasible),
+    )  # fmt: skip
+
+
+@dataclass
+class _Filtered:
+    """What is known so far."""
+
+    conflict: list[str]
+    minimal: bool = False
+    complete: bool = False
+    relaxations: list[Relaxation] = field(default_factory=list)
+    feasible: list[Gains] = field(default_factory=list)
+
+
+def _filter(setting: Setting, asked: Sequence[str], beside: Sequence[Setting], filtered: _Filtered, say: Say) -> None:
+    """Leave out of the conflict each requirement without which still no design is found."""
     for id in asked:
-        rest = [other for other in conflict if other != id]
+        rest = [other for other in filtered.conflict if other != id]
         say(f"without {id}, as it is")
-        met = feasible(_only(setting, rest), beside, deadline)
-        if time.monotonic() > deadline:  # then not to have found a point means nothing
-            return WhyNot(conflict=tuple(conflict), minimal=False, complete=False, relaxations=())
-        if not met:
-            conflict = rest
-    relaxations = []
-    for id in conflict:
+        point = feasible(_only(setting, rest), beside)
+        if point is None:
+            filtered.conflict = rest
+        elif _keeps_all(setting, beside, point):
+            filtered.feasible.append(point)
+            return
+    filtered.minimal = True
+
+
+def _relax(setting: Setting, beside: Sequence[Setting], filtered: _Filtered, say: Say) -> None:
+    """How far each requirement of the conflict, and each bound, would have to give way."""
+    for id in filtered.conflict:
         say(f"how much of {id} is possible beside the rest")
-        found = _most(setting, id, beside, deadline)
+        found = _most(setting, id, beside)
+        if found is not None and _keeps_all(setting, beside, found.design):
+            filtered.feasible.append(found.design)
+            return
         if found is not None:
-            relaxations.append(found)
+            filtered.relaxations.append(found)
     for name in _tight(setting):
         say(f"whether other bounds of {name.rstrip(MORE)} would do")
-        found = _wider(setting, name, beside, deadline)
+        found = _wider(setting, name, beside)
         if found is not None:
-            relaxations.append(found)
-    complete = time.monotonic() <= deadline
-    return WhyNot(conflict=tuple(conflict), minimal=True, complete=complete, relaxations=tuple(relaxations))
+            filtered.relaxations.append(found)
+
+
+def _keeps_all(setting: Setting, beside: Sequence[Setting], gains: Gains) -> bool:
+    """Whether ``gains`` are within the bounds and meet the whole specification, at full resolution."""
+    assert setting.bounds is not None
+    K = np.array(gains)
+    own = ~np.isnan(setting.bounds).any(axis=1)
+    if (K[own] < setting.bounds[own, 0]).any() or (K[own] > setting.bounds[own, 1]).any():
+        return False
+    bodies = [setting, *[replace(world, required=setting.required) for world in beside]]
+    return all(judge(body, gains).overall == "met" for body in bodies)
 
 
 def _binds(id: str, wish: Required) -> bool:
@@ -74,34 +127,44 @@ def _only(setting: Setting, ids: Sequence[str]) -> Setting:
     return replace(setting, required=kept)
 
 
-def feasible(setting: Setting, beside: Sequence[Setting], deadline: float) -> bool:
-    """Whether a point that meets all requirements is found, on the coarse grid."""
+def feasible(setting: Setting, beside: Sequence[Setting] = ()) -> Gains | None:
+    """Gains that meet all requirements on the coarse grid, or None where none were found."""
     setting = replace(setting, objective="feasibility")
     question = Question(setting, [replace(world, required=setting.required) for world in beside])
     grid = Grid(question, question.coarse_step, FEASIBILITY)
     points, merit = survey(grid)
     instants = grid.thinned()
-    for K in best_apart(points, merit, STARTS, question.lower, question.upper):
-        if time.monotonic() > deadline:
-            break
+    seeds, misses = best_apart(points, merit, STARTS, question.lower, question.upper), []
+    for K in seeds:
+        deadline.check()
         value = float(merit[np.flatnonzero((points == K).all(axis=1))[0]])
-        found, _ = from_start(grid, K, value, instants, deadline)
-        if found.converged and found.point.v >= -1e-6:
-            return True
-    return False
+        found, _ = from_start(grid, K, value, instants, deadline.ends())
+        if found.converged and found.point.v >= -NEARLY:
+            return Gains(*map(float, found.point.gains))
+        if found.converged:
+            misses.append(np.array(found.point.gains))
+    K, margin = most_feasible(grid, np.array([*misses, *seeds]))
+    return Gains(*map(float, K)) if margin >= -NEARLY else None
 
 
-def _most(setting: Setting, id: str, beside: Sequence[Setting], deadline: float) -> Relaxation | None:
+def _most(setting: Setting, id: str, beside: Sequence[Setting]) -> Relaxation | None:
     """The best value of requirement ``id`` beside the others."""
     others = [other for other in setting.required if other != id]
     loose = replace(_only(setting, others), objective=id)
     bodies = [replace(world, required=loose.required) for world in beside]
-    answer = gains.solve(loose, seconds=max(deadline - time.monotonic(), 1.0), beside=bodies)
-    if answer.outcome.found is None:
+    design = _design(loose, bodies)
+    if design is None:
         return None
     row, given = OBJECTIVES[id], setting.required[id].level
-    enough = _rounded(answer.outcome.found.value, down=row.sign > 0)
-    return Relaxation(id=id, bound="", given=given, enough=enough, unit=row.unit)
+    enough = _rounded(design.value, down=row.sign > 0)
+    return Relaxation(id=id, bound="", given=given, enough=enough, unit=row.unit, design=design.gains)
+
+
+def _design(setting: Setting, bodies: Sequence[Setting]) -> Synthesis | None:
+    """The best design, or the best that was checked: it is enough where its optimality is not confirmed too."""
+    answer = gains.solve(setting, seconds=deadline.left(), beside=bodies)
+    deadline.check()
+    return answer.outcome.found or answer.best
 
 
 def _tight(setting: Setting) -> list[str]:
@@ -112,7 +175,7 @@ def _tight(setting: Setting) -> list[str]:
     return names + [name + MORE for k, name in enumerate(GAINS) if name in names and setting.bounds[k, 0] > 0]
 
 
-def _wider(setting: Setting, name: str, beside: Sequence[Setting], deadline: float) -> Relaxation | None:
+def _wider(setting: Setting, name: str, beside: Sequence[Setting]) -> Relaxation | None:
     """Where the bound of a gain would have to be for all requirements; None where no such bound is found."""
     k, upper = GAINS.index(name.rstrip(MORE)), not name.endswith(MORE)
     assert setting.bounds is not None
@@ -121,15 +184,15 @@ def _wider(setting: Setting, name: str, beside: Sequence[Setting], deadline: flo
     bounds[k, int(upper)] = max(WIDER * given, 1.0) if upper else 0.0
     open_ = replace(setting, bounds=bounds, objective=name, gains=None)
     bodies = [replace(world, bounds=bounds) for world in beside]
-    answer = gains.solve(open_, seconds=max(deadline - time.monotonic(), 1.0), beside=bodies)
-    if answer.outcome.found is None:
+    design = _design(open_, bodies)
+    if design is None:
         return None
-    value = answer.outcome.found.value
+    value = design.value
     if (value <= given) if upper else (value >= given):
         return None
     return Relaxation(
         id=GAINS[k], bound="upper" if upper else "lower", given=given, enough=_rounded(value, down=not upper),
-        unit=GAIN_UNITS[k],
+        unit=GAIN_UNITS[k], design=design.gains,
     )  # fmt: skip
 
 

@@ -96,7 +96,7 @@ def test_a_lean_that_no_ankle_holds_is_proved_infeasible_and_the_scenario_is_nam
     ramp = replace(SLOPE.scenarios[0], theta0=np.radians(20.0))
     answer = question.solve(replace(SLOPE, scenarios=(ramp,)))
     assert answer.outcome.status is Status.INFEASIBLE
-    assert answer.obstacle.physical
+    assert answer.outcome.proof.physical
     assert "'ramp'" in answer.outcome.detail
     assert "20 deg" in answer.outcome.detail
 

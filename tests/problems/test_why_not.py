@@ -1,9 +1,11 @@
-"""Requirements that exclude each other: the conflict is smallest, each relaxation enough, and less is not."""
+"""Requirements that are not met together: the conflict is smallest, each relaxation enough, and less is not."""
 
 from dataclasses import replace
 
 import pytest
 
+from design.analysis.objectives import OBJECTIVES
+from design.analysis.verdict import judge
 from design.model.limits import Required
 from design.present.synthesis import why_lines
 from design.spec.load import load
@@ -90,3 +92,21 @@ def test_a_lower_bound_that_stands_in_the_way_is_found():
     assert lower.id == "kf" and _solved(replace(tight, bounds=bounds))
     bounds[2, 0] = 1.01 * lower.enough
     assert not _solved(replace(tight, bounds=bounds))
+
+
+def test_every_relaxation_has_a_design_that_keeps_the_rest_and_asks_less_than_the_spec(why):
+    for each in why.relaxations:
+        if each.bound:
+            assert each.bound == ("upper" if each.enough > each.given else "lower")
+            continue
+        sign = OBJECTIVES[each.id].sign
+        assert sign * each.enough < sign * each.given
+        eased = replace(TORN, required={**TORN.required, each.id: Required(level=each.enough)})
+        assert judge(eased, each.design).overall == "met"
+
+
+def test_what_is_feasible_after_all_is_handed_back_to_start_from():
+    easy = _with(contact_force=150.0)
+    found = whynot.solve(easy)
+    assert found.feasible and not found.relaxations
+    assert judge(easy, found.feasible[0]).overall == "met"

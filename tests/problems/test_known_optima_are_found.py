@@ -18,7 +18,7 @@ def test_greatest_smallest_contact_force():
     assert found.gains.K_p == 3500.0
     assert found.gains.K_d == pytest.approx(902.6, abs=0.5)
     assert found.gains.K_f == pytest.approx(8.457, abs=0.005)
-    assert found.reached == found.starts
+    assert 3 <= found.reached < found.starts == 4  # the last start finds another hill, with K_d at its bound
     assert {each.id for each in found.active} == {"kp", "toe-force", "heel-force"}
 
 

@@ -247,7 +247,7 @@ class _Search:
             self.say(f"without {', '.join(dropped)}")
             required = {id: wish for id, wish in setting.required.items() if id not in dropped}
             easier = self.coarse.asking(question.asking(replace(setting, required=required)))
-            local = optimise(easier, best.point, self.instants, self.end)
+            local = optimise(easier, best.point, easier.thinned(), self.end)  # its samples may be others
             gain = local.point.v - best.point.v if local.converged else 0.0
             if gain <= GAINED * (1 + abs(best.point.v)):
                 if dropped is ids:

@@ -92,7 +92,8 @@ def text(source: Source, setting: Setting, answer: Answer, paint: Paint, bound: 
         "",
         f"  {gains_line(found.gains, setting.law)}",
         f"  {setting.objective} = {_value(setting, found.value, 8)}{worst}",
-        f"  solved; {found.reached} of {found.starts} starts reached it; confirmed by an independent integrator",
+        f"  solved; {found.reached} of {found.starts} local searches reached it; confirmed by an independent"
+        " integrator",
         *(f"  {line}" for line in bound or [SURE]),
         "",
         "What holds it:",

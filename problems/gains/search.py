@@ -139,7 +139,7 @@ class _Search:
         self.misses: list[Local] = []
         self.partial: list[Point] = []
         self.surveyed: list[Point] = []
-        self.tried = 0
+        self.tried, self.more = 0, 0
         self.hills = 0
 
     @property
@@ -148,6 +148,11 @@ class _Search:
         step = self.question.setting.step
         runs = [case.scenario.duration / step for case in self.coarse.cases]
         return sum(runs) < QUICK
+
+    @property
+    def searches(self) -> int:
+        """How many local searches there were: from starts, and from gains that were met in other ways."""
+        return self.tried + self.more
 
     @property
     def late(self) -> bool:
@@ -255,9 +260,15 @@ class _Search:
                 continue
             margin = float(missing(self.coarse, np.array([local.point.gains]))[0])
             if margin >= -1e-6:
+                self.more += 1
                 self.optima.append(replace(local, solved=None))
             else:
-                self._start(np.array(local.point.gains), MISSED + margin)
+                self._again(np.array(local.point.gains), MISSED + margin)
+
+    def _again(self, K: Array, merit: float) -> None:
+        """One local search more than there are starts."""
+        self.more += 1
+        self._start(K, merit)
 
     def _start(self, K: Array, merit: float, *, stay: bool = False) -> None:
         """Go from ``K`` to a local optimum, or to the nearest miss."""
@@ -276,7 +287,7 @@ class _Search:
             best = max((each.point.v for each in self.optima), default=-np.inf)
             if point.v > best + 1e-6 * (1 + abs(best)):
                 self.say("starting from a design that meets the specification")
-                self._start(np.array(point.gains), point.v)
+                self._again(np.array(point.gains), point.v)
 
     def _other_ways(self, chosen: Array) -> None:
         """No start led to a feasible optimum: look for the largest smallest margin without derivatives, and go on."""
@@ -287,7 +298,7 @@ class _Search:
             start = Point(gains=Gains(*map(float, K)), v=margin)
             local = optimise(self.coarse.feasibility, start, self.instants, self.end)
             self.misses.append(local if local.point.v > margin and local.converged else _local(K, margin, local))
-            self._start(K, UNKNOWN if margin >= 0 else -100.0 + margin)
+            self._again(K, UNKNOWN if margin >= 0 else -100.0 + margin)
             self.pool.offer([Gains(*map(float, K))] if margin >= -1e-6 else [])
             self._from_incumbents()
 
@@ -317,7 +328,7 @@ class _Search:
             return None
         winner = max(done, key=lambda local: local.point.v)
         self.say("checking")
-        answer = checked(self.fine, winner, self.tried, _reached(self.optima), len(distinct))
+        answer = checked(self.fine, winner, self.searches, _reached(self.optima), len(distinct))
         if answer.outcome.found is None:
             self.pool.offer([local.point.gains for local in [*done, *distinct[:3]]])
             return replace(answer, best=self._best())

@@ -11,6 +11,7 @@ import pytest
 
 import cli
 import design.present
+from design.analysis.obstacles import Obstacle
 from design.analysis.rows import Row, RowStatus, Verdict
 from design.analysis.synthesis import Answer
 from design.model.laws import Gains
@@ -33,6 +34,13 @@ def _row(status, required=0.0, soft=False, basis="sampled"):
         id="heel-force", equation="(6)", scenario="ramp", unit="N", value=1.0, required=required, margin=1.0,
         status=status, time_s=1.0, basis=basis, soft=soft, note="a note",
     )  # fmt: skip
+
+
+OBSTACLE = Obstacle(id="contact-force", scenario="ramp", value=100.0, required=200.0, unit="N", why="it is too light")
+
+
+def _ended(status):
+    return Outcome.infeasible(OBSTACLE) if status is Status.INFEASIBLE else Outcome(status=status, detail="why")
 
 
 ROWS = [
@@ -93,7 +101,7 @@ TEXTS = {
         f"synthesize {status.name}": (
             synthesis,
             lambda paint, s=status: synthesis.text(
-                SOURCE, PROBLEM, Answer(outcome=Outcome(status=s, detail="why"), missed=tuple(ROWS)), paint
+                SOURCE, PROBLEM, Answer(outcome=_ended(s), missed=tuple(ROWS)), paint
             ),
         ) for status in Status if status is not Status.SOLVED
     },

@@ -24,7 +24,7 @@ class MissRate:
     specs: int
 
 
-MEASURED = MissRate(missed=1, undecided=2, specs=30)
+MEASURED = MissRate(missed=1, undecided=0, specs=50)
 """Against differential evolution with an independent simulator; local optima are no proof of a global one."""
 
 

@@ -121,6 +121,7 @@ def _check(document: dict[str, Any], answer: Answer, given: str | None, valid: V
         answer.law += " (not the spec's)"
     need("adapt_s" not in spec["law"] or kind == "pd", "the spec's law adapts, which a certificate does not cover")
     scale = answer.scale = number(document["scale"])
+    need(scale >= 0, "the scale of its box is below 0")
     tables = {table["name"]: table for table in spec["scenarios"]}
     for entry in document["scenarios"]:
         scenario = tables[entry["name"]]

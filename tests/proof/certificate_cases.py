@@ -179,6 +179,7 @@ def tampered():
     for key in ("kp", "kd", "kf"):
         for factor in (0.99, 1.01):
             found[f"{key} times {factor}"] = changed(one, ("law", key), lambda value, f=factor: value * f)
+    found["a scale below zero of no box"] = changed(one, ("scale",), lambda value: -value)
     found["law pd"] = changed(one, ("law", "kind"), lambda _: "pd")
     found["law cop"] = changed(one, ("law", "kind"), lambda _: "cop")
     found["gains below zero"] = changed(one, ("law", "kf"), lambda value: -value)

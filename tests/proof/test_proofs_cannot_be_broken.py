@@ -112,6 +112,7 @@ def test_bodies_and_worlds_of_the_box_stay_within_its_bounds(world, law):
     law=st.sampled_from(["force", "pd", "cop", 2.0, 0.1]),
     part=st.sampled_from([0.0, 0.1]),
 )  # fmt: skip
+@example(kp=800.0, kd=200.0, kf=2.2250738585e-313, world="push", body=PAPER, law="force", part=0.0)
 @settings(max_examples=40, deadline=None)
 def test_random_designs_are_bounded_rightly_or_not_at_all(kp, kd, kf, world, body, law, part):
     kind, adapt = ("force", law) if isinstance(law, float) else (law, math.inf)

@@ -258,9 +258,9 @@ def worst(case, points, watch):
                 raise ValueError
             return (length * parts(flat.reshape(4, w), ends[0] + share * (ends[1] - ends[0]))[0]).ravel()
 
-        shares = np.linspace(0, 1, 2 + int(min(max((end - begin) * 300, 100), 1500)))
-        if begin >= case.duration:
-            shares = np.append(0.0, np.geomspace(1e-6, 1, 400))
+        shares = np.append(0.0, np.geomspace(1e-6, 1, 600))  # a fast pole is seen after a corner, a slow one later
+        if begin < case.duration:
+            shares = np.union1d(shares, np.linspace(0, 1, 2 + int(min(max((end - begin) * 300, 100), 1500))))
         method, options = "DOP853", {}
         if begin >= case.duration or stiff:
             method, options = "Radau", {"jac_sparsity": sparse.kron(np.ones((4, 4)), sparse.eye(w))}

@@ -189,6 +189,8 @@ def tampered():
         ("mass_kg = 50.0", "mass_kg = 50.5"), ("mass_kg = 50.0", "mass_kg = 49.5"), ("mass_kg = 0.1", "mass_kg = 0.09"),
         ("com_height_m = 0.75", "com_height_m = 0.76"), ("inertia_kgm2 = 7.03125", "inertia_kgm2 = 7.1"),
         ("inertia_kgm2 = 7.03125", ""), ("half_length_m = 0.1", "half_length_m = 0.099"), ("= 9.8\n", "= 9.81\n"),
+        ("half_length_m = 0.1", "ground_loads = 0\nhalf_length_m = 0.1"),
+        ("half_length_m = 0.1", "ground_loads = 1\nhalf_length_m = 0.1"),
         ("half_length_m = 0.1", "half_length_m = -0.1"), ("mass_kg = 50.0", "mass_kg = 0.0"),
         ("angle_deg = 3.0", "angle_deg = 3.02"), ("angle_deg = 3.0", "angle_deg = -3.0"),
         ("ramp_s = 0.0", "ramp_s = 0.01"), ("duration_s = 0.3", "duration_s = 0.31"),

@@ -189,6 +189,8 @@ def tampered():
         ("mass_kg = 50.0", "mass_kg = 50.5"), ("mass_kg = 50.0", "mass_kg = 49.5"), ("mass_kg = 0.1", "mass_kg = 0.09"),
         ("com_height_m = 0.75", "com_height_m = 0.76"), ("inertia_kgm2 = 7.03125", "inertia_kgm2 = 7.1"),
         ("inertia_kgm2 = 7.03125", ""), ("half_length_m = 0.1", "half_length_m = 0.099"), ("= 9.8\n", "= 9.81\n"),
+        ("half_length_m = 0.1", "half_length_m = 0.1\nankle_height_m = 0.05"),
+        ("kf = 5.61", "kf = 5.61\ncop_target_m = 0.01"), ("half_length_m = 0.1", "toe_m = 0.1\nheel_m = 0.1"),
         ("half_length_m = 0.1", "ground_loads = 0\nhalf_length_m = 0.1"),
         ("half_length_m = 0.1", "ground_loads = 1\nhalf_length_m = 0.1"),
         ("half_length_m = 0.1", "half_length_m = -0.1"), ("mass_kg = 50.0", "mass_kg = 0.0"),

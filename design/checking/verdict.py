@@ -67,8 +67,11 @@ def check(content: bytes, *, origin: str = "certificate", sha256: str | None = N
     """
     try:
         document = json.loads(
-            content.decode(), parse_float=decimal, parse_int=lambda text: int(decimal(text)), parse_constant=decimal
-        )
+            content.decode(), parse_float=decimal, parse_int=lambda text: int(decimal(text)), parse_constant=decimal,
+            object_pairs_hook=_without_repetition,
+        )  # fmt: skip
+    except Malformed as error:
+        return Answer(malformed=True, why=str(error))
     except (ValueError, ArithmeticError, RecursionError):
         document = None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
@@ -90,6 +93,17 @@ def check(content: bytes, *, origin: str = "certificate", sha256: str | None = N
     return answer
 
 
+def _without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON; raises ``Malformed`` where a key is there twice, of which readers differ in what they take."""
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        message = f"an object in it has the key {twice[:64]!r} twice; each needs to be there once"
+        raise Malformed(message)
+    return table
+
+
 def _check(document: dict[str, Any], answer: Answer, given: str | None, valid: Valid) -> None:
     text, digest = document["spec"]["text"], document["spec"]["sha256"]
     answer.sha256 = hashlib.sha256(text.encode()).hexdigest()
@@ -99,6 +113,7 @@ def _check(document: dict[str, Any], answer: Answer, given: str | None, valid: V
     if valid is not None:
         valid(text)
     answer.name = spec["name"]
+    need(document["spec"].get("name", answer.name) == answer.name, "it names another spec than the one in it")
     kind, gains = law(document["law"])
     answer.law = f"{kind}, " + ", ".join(f"{key} = {float(document['law'][key])!r}" for key in GAINS)
     if kind != spec["law"]["kind"] or any(spec["law"].get(key) != its for key, its in zip(GAINS, gains, strict=False)):
@@ -106,6 +121,7 @@ def _check(document: dict[str, Any], answer: Answer, given: str | None, valid: V
         answer.law += " (not the spec's)"
     need("adapt_s" not in spec["law"] or kind == "pd", "the spec's law adapts, which a certificate does not cover")
     scale = answer.scale = number(document["scale"])
+    need(scale >= 0, "the scale of its box is below 0")
     tables = {table["name"]: table for table in spec["scenarios"]}
     for entry in document["scenarios"]:
         scenario = tables[entry["name"]]

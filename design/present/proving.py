@@ -25,8 +25,6 @@ ASSUMPTIONS = (
 )
 UNCHECKED = "certificates are for laws pd and force without adapt_s"
 STABILITY = ("stiffness", "damping", "routh", "decay-rate")
-PROVING = 0.6
-"""The part of the time that the prover has; the rest is the independent checker's."""
 ROWS: dict[str, tuple[str, str]] = {
     "stiffness": ("(27)", "N m/rad"), "damping": ("(28)", "m/s"), "routh": ("(29)", "N² m² s"),
     "decay-rate": ("(24)", "1/s"), "toe-force": ("(5)", "N"), "heel-force": ("(6)", "N"), "cop-margin": ("(18)", "m"),
@@ -118,7 +116,7 @@ def proved_in(
     """A proof for each scenario of these ``names``, and the certificate's entries of those that are proved.
 
     What has a certificate counts as proved only where the independent checker confirms it, and with the bounds that it
-    confirms. ``seconds`` is for all of them.
+    confirms. ``seconds`` is for all of them; what the prover leaves of it is the checker's.
     """
     deadline = time.monotonic() + seconds
     unchecked = _no_certificate(source, problem)
@@ -126,8 +124,7 @@ def proved_in(
     entries: list[dict[str, Any]] = []
     for k, name in enumerate(names):
         left = max(deadline - time.monotonic(), 0.0) / (len(names) - k)
-        part = 1.0 if unchecked else PROVING
-        proof = prove(problem, gains, name, seconds=part * left, scale=scale, say=say)
+        proof = prove(problem, gains, name, seconds=left, scale=scale, say=say)
         proof.unchecked = unchecked
         if not unchecked and proof.answer == "proved":
             entries += _checked(source, problem, gains, proof, scale, left - proof.seconds, say)

@@ -129,6 +129,9 @@ def longer(case: Case) -> Case:
     decay = -float(np.linalg.eigvals(matrix).real.max())
     if decay <= 0:
         return case
+    if not case.radii[NAMES.index("ramp")]:  # points from the end on repeat the value at which the signal rests
+        kept = max(int(np.searchsorted(scenario.times, scenario.duration, side="left")), 1)
+        scenario = replace(scenario, times=scenario.times[:kept], signal=scenario.signal[:, :kept])
     return replace(case, scenario=replace(scenario, duration=scenario.duration + CALM / decay))
 
 

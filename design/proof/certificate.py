@@ -41,7 +41,9 @@ Array = NDArray[np.float64]
 CUTS = 4
 """Pieces that each of the prover's becomes until the scenario ends: the checker bounds one less sharply."""
 GIVEN = 0.3
-"""By what part of itself the reach, and the range of the stiffness, may be more than the prover's."""
+"""By what part of itself the range of the stiffness may be more than the prover's."""
+REACH = 4.0
+"""How many times the prover's reach is assumed: it costs little, and the checker's tube is wider."""
 MARGIN = Fraction(1, 10**5)
 """What is given away of the proved CoP margin [m], and a thousandth of it of the proved decay rate."""
 SHARES = ("1", "0.999", "0.99", "0.95", "0.9", "0.8", "0.65", "0.5", "0.2", "0")
@@ -228,7 +230,7 @@ class _Scenario:
             norm = contracting(tube.case, over, tube.defects, tube.h, self.deadline)
             part = {
                 "frame": norm.S.tolist(), "blocks": list(norm.blocks), "rates": (0.999 * norm.rates).tolist(),
-                "couplings": (1.001 * norm.couplings).tolist(), "reach": (1 + GIVEN) * reach + 1e-9,
+                "couplings": (1.001 * norm.couplings).tolist(), "reach": REACH * reach + 1e-9,
                 "after_s": float(after), "segments": segments,
             }  # fmt: skip
             self.look()

@@ -37,6 +37,8 @@ Integers = list[list[int]]
 
 SHARES = (0.1, 0.3, 0.5, 0.65, 0.8, 0.9, 0.97)
 """Parts of the decay rate at which a norm is looked for."""
+EPS = 4 * np.finfo(float).eps
+"""About what a sum of a few products is rounded by, in parts of the sum of their sizes."""
 LOST = 0.7
 """Of the rate that a norm had for narrower ranges it must keep so much to be taken again."""
 
@@ -111,16 +113,18 @@ def contracting(
 def _bounded(frame: Frame, corners: Array) -> Norm | None:
     """The norm with the least rates and couplings that the ``corners`` (k, n, n) allow, in floats; None if it grows."""
     S, blocks = frame
-    K = S @ corners @ np.linalg.inv(S)
+    back = np.linalg.inv(S)
+    K = S @ corners @ back
+    rounding = EPS * (np.abs(S) @ np.abs(corners).max(axis=0) @ np.abs(back) @ np.abs(S) @ np.abs(back))
     edges = np.cumsum([0, *blocks])
     rates, couplings = np.zeros(len(blocks)), np.zeros((len(blocks), len(blocks)))
     for b, its in enumerate(map(slice, edges[:-1], edges[1:])):
         own = K[:, its, its]
-        rates[b] = -0.5 * float(np.linalg.eigvalsh(own + own.transpose(0, 2, 1)).max())
+        rates[b] = -0.49995 * float(np.linalg.eigvalsh(own + own.transpose(0, 2, 1)).max()) - rounding[its, its].sum()
         for c, other in enumerate(map(slice, edges[:-1], edges[1:])):
             if c != b:
-                couplings[b, c] = 1.0001 * math.sqrt(float((K[:, its, other] ** 2).sum(axis=(1, 2)).max())) + 1e-300
-    rates *= 0.9999
+                size = math.sqrt(float((K[:, its, other] ** 2).sum(axis=(1, 2)).max()))
+                couplings[b, c] = 1.0001 * size + rounding[its, other].sum() + 1e-300
     if not (rates > 0).all() or not np.isfinite(couplings).all():
         return None
     gain = couplings / rates[:, None]

@@ -170,6 +170,7 @@ def trajectory(case: Case, deadline: float) -> Trajectory:
     return Trajectory(edges=np.array(edges), c=np.stack(found), weights=weights)
 
 
+@np.errstate(all="ignore")  # of a body that falls
 def _piece(loops: _Loops, x: Array, F: Array, h: Array, before: Array | None, tolerance: float) -> tuple[Array, float]:
     """Coefficients (w, n, STAGES + 1) from the states ``x`` (w, n) on, and about the defect in torque [N m]."""
     n, half = x.shape[1], 0.5 * h[:, None, None]

@@ -179,6 +179,7 @@ def tampered():
     for key in ("kp", "kd", "kf"):
         for factor in (0.99, 1.01):
             found[f"{key} times {factor}"] = changed(one, ("law", key), lambda value, f=factor: value * f)
+    found["a scale below zero of no box"] = changed(one, ("scale",), lambda value: -value)
     found["law pd"] = changed(one, ("law", "kind"), lambda _: "pd")
     found["law cop"] = changed(one, ("law", "kind"), lambda _: "cop")
     found["gains below zero"] = changed(one, ("law", "kf"), lambda value: -value)
@@ -188,6 +189,10 @@ def tampered():
         ("mass_kg = 50.0", "mass_kg = 50.5"), ("mass_kg = 50.0", "mass_kg = 49.5"), ("mass_kg = 0.1", "mass_kg = 0.09"),
         ("com_height_m = 0.75", "com_height_m = 0.76"), ("inertia_kgm2 = 7.03125", "inertia_kgm2 = 7.1"),
         ("inertia_kgm2 = 7.03125", ""), ("half_length_m = 0.1", "half_length_m = 0.099"), ("= 9.8\n", "= 9.81\n"),
+        ("half_length_m = 0.1", "half_length_m = 0.1\nankle_height_m = 0.05"),
+        ("kf = 5.61", "kf = 5.61\ncop_target_m = 0.01"), ("half_length_m = 0.1", "toe_m = 0.1\nheel_m = 0.1"),
+        ("half_length_m = 0.1", "ground_loads = 0\nhalf_length_m = 0.1"),
+        ("half_length_m = 0.1", "ground_loads = 1\nhalf_length_m = 0.1"),
         ("half_length_m = 0.1", "half_length_m = -0.1"), ("mass_kg = 50.0", "mass_kg = 0.0"),
         ("angle_deg = 3.0", "angle_deg = 3.02"), ("angle_deg = 3.0", "angle_deg = -3.0"),
         ("ramp_s = 0.0", "ramp_s = 0.01"), ("duration_s = 0.3", "duration_s = 0.31"),

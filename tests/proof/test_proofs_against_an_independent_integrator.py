@@ -190,7 +190,8 @@ def test_random_boxes_keep_what_is_proved_of_them_and_break_what_is_disproved(se
                       points=facts.points, theta0_deg=facts.theta0_deg, omega0_deg=facts.omega0_deg)  # fmt: skip
         t, toe, heel, _, _ = run(there, gains, duration)
         series = {"toe-force": toe, "heel-force": heel}[broken.row]
-        assert np.interp(broken.time_s, t, series) == pytest.approx(broken.value, abs=0.05)
+        sides = [*series[np.abs(t - broken.time_s) < 1e-9], np.interp(broken.time_s, t, series)]  # of a jump
+        assert min(abs(side - broken.value) for side in sides) < 0.05
         assert series.min() < level
         for name, part in (("M", "mass_kg"), ("L", "com_height_m"), ("ell", "half_length_m")):
             percent = Fraction(next(line for line in uncertain.splitlines() if part in line).split()[-2])

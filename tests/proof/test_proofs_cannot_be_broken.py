@@ -112,6 +112,7 @@ def test_bodies_and_worlds_of_the_box_stay_within_its_bounds(world, law):
     law=st.sampled_from(["force", "pd", "cop", 2.0, 0.1]),
     part=st.sampled_from([0.0, 0.1]),
 )  # fmt: skip
+@example(kp=800.0, kd=200.0, kf=2.2250738585e-313, world="push", body=PAPER, law="force", part=0.0)
 @settings(max_examples=40, deadline=None)
 def test_random_designs_are_bounded_rightly_or_not_at_all(kp, kd, kf, world, body, law, part):
     kind, adapt = ("force", law) if isinstance(law, float) else (law, math.inf)
@@ -459,3 +460,21 @@ def test_a_box_is_disproved_at_a_corner_that_another_integrator_confirms():
         ran = second_opinion(PAPER, kind, 0.0, SLOPE.gains, worst, 1e-3, adapt)
         assert min(ran.F_T.min(), ran.F_H.min()) < 0
         assert proof.counterexample.at["slope"] > math.radians(degrees + 0.4)
+
+
+@pytest.mark.parametrize("rates", [(2.6154, 11.19, 99.66), (0.002, 20.0, 200.0), (0.07, 3.0, 3.0), (5.0, 5.0, 5.0)])
+@pytest.mark.parametrize("step", [1e-5, 1e-2])
+def test_a_body_at_rest_on_level_ground_is_proved_to_bear_half_the_weight_on_each_end(rates, step):
+    """By symmetry: nothing moves, whatever the poles are; of the loop -(M g L), p_2, p_1, p_0 give the gains."""
+    p_2, p_1, p_0 = np.poly(-np.array(rates))[1:]
+    lever = ADULT.M * ADULT.g * ADULT.L
+    K_f = p_0 * ADULT.I * ADULT.ell / lever
+    gains = Gains(p_1 * ADULT.I + lever, (p_2 + K_f / ADULT.ell) * ADULT.I, K_f)
+    world = slope(ADULT, name="w", angle=0.0, ramp=1.36, duration=3.7)
+    problem = replace(SLOPE, biped=ADULT, scenarios=(world,), step=step)
+    proof = prove(problem, gains, "w")
+    assert proof.answer == "proved", proof.why
+    for end in ("toe-force", "heel-force"):
+        assert proof.value[end] == pytest.approx(0.5 * (ADULT.M + ADULT.m) * ADULT.g, rel=1e-6)
+        assert proof.value[end] <= 0.5 * (ADULT.M + ADULT.m) * ADULT.g
+    assert proof.value["cop-margin"] == pytest.approx(ADULT.ell, rel=1e-6)

@@ -89,7 +89,7 @@ def render(
     *,
     strict: bool = False,
 ) -> str | Iterator[str]:
-    """The recording in a ``form``: text, json or (in parts) csv; the picture and the spec are written where they are asked for."""
+    """The recording in a ``form``: text, json or (in parts) csv; picture and spec are written where they are wanted."""
     picture = plots.format_of(plot) if plot else None
     check_apart(file, spec, {"--plot": plot, "--as-spec": as_spec, "-o": output})
     store.check_writable(plot, as_spec, output)

@@ -138,8 +138,8 @@ def agreement(
     if -1.25 < slope < -0.8:
         message = f"CoP is minus {formula}: the sign of the moment, or of the axis"
         remedies = [Remedy(options={"my": negated(labels["my"])}), WITHOUT] if moment else []
-        if moment and moment.columns != labels["my"]:  # one plate's alone
-            parts = [negated(part) if part == moment.columns else part for part in labels["my"].split("+")]
+        if moment and moment.option != labels["my"]:  # one plate's alone
+            parts = [negated(part) if part == moment.option else part for part in labels["my"].split("+")]
             remedies.insert(1, Remedy(options={"my": "+".join(parts)}))
         raise Misfit(message, file=file, key=where, remedies=remedies, otherwise="give --forward with the other sign")
     message = f"CoP (read in {quantity.unit}) is {plain:.4g} times {formula}; needs 1"
@@ -172,7 +172,7 @@ def reach(
         likely = sorted((unit for unit in sway if sway[unit] <= 2 * ell), key=lambda u: abs(math.log(sway[u] / SWAY)))
         remedies = [
             Remedy(
-                options={role: f"{quantity.columns}:{unit}"},
+                options={role: f"{quantity.option}:{unit}"},
                 when=f" (it fits if the column is in {unit}: then the CoP moves over {1e3 * sway[unit]:.3g} mm)",
             )
             for unit in likely[:2] if sway[unit] > 0.01 * ell
@@ -184,6 +184,10 @@ def reach(
         raise Misfit(
             message, file=file, key=where, remedies=remedies, otherwise="correct the header, or check the column"
         )
+    if role == "my" and 1e-9 < spread < 0.01 * ell and seconds > 2 and not (quantity.sure or confirmed):
+        message = f"{what} moves over only {1e3 * spread:.3g} mm, which no standing person's does"
+        remedies = [Remedy(options={"my": f"{quantity.option}:{unit}"}) for unit in ("kN m", quantity.unit)]
+        raise Misfit(message, file=file, key=where, remedies=remedies, otherwise="state the unit of the moment")
     if spread > 2 * ell:
         return [
             f"{what.replace('(', f'(column {quantity.columns}, ', 1)} moves over {spread:.4g} m, more than the foot's"

@@ -148,7 +148,7 @@ def _body(mean: float, total: Quantity, columns: Columns, subject: Subject, file
         role: columns.quantities[role].columns for role in ("toe", "heel") if role in columns.quantities
     }
     say.warnings += checks.weight(
-        mean, total, subject.biped, given=subject.given, file=file, forces=foot or {"fz": total.columns},
+        mean, total, subject.biped, given=subject.given, file=file, forces=foot or {"fz": total.option},
         usual=columns.usual,
     )  # fmt: skip
     if subject.given:

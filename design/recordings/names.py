@@ -23,7 +23,7 @@ _ROLE = {word: role for role, words in SCALARS.items() for word in words.split()
 _KIND = {
     "force": "f force forcef grf grfnet groundreactionforce",
     "moment": "m moment momentm grm groundreactionmoment",
-    "cop": "cop copnet c copc copa centerofpressure centreofpressure",
+    "cop": "cop copnet c copc copa cofp centerofpressure centreofpressure",
     "com": "com cog centerofmass centreofmass centerofgravity centreofgravity",
     "ankle": "ankle ank anklejoint anklejointcenter anklejointcentre",
 }
@@ -90,6 +90,12 @@ def resembled(name: str) -> Known | None:
             rest = " ".join(words[:index] + words[index + 1 :]).lower()
             return replace(known, tag=" ".join(filter(None, (rest, known.tag))))
     return None
+
+
+def unit_after(name: str) -> str | None:
+    """The unit that a name ends in after an underscore: ``weight_kg`` -> ``kgf``."""
+    match = _SUFFIX.fullmatch(name)
+    return unit_of(match[2].replace("_per_", "/")) if match else None
 
 
 def is_weight(name: str) -> bool:

@@ -42,16 +42,30 @@ def usual_load(force: Array) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Quantity:
-    """One quantity in SI units (n,), the ``columns`` it comes from, and its ``unit`` there; ``sure``: it is stated."""
+    """One quantity in SI units (n,), the ``columns`` it comes from, and its ``unit`` there; ``sure``: it is stated.
+
+    ``as_given``: the columns with their signs before the whole plate was turned, if it was. Who gives them in
+    ``--columns`` gets this quantity, since the plate is turned then too.
+    """
 
     values: Array
     columns: str
     unit: str
     sure: bool
+    as_given: str = ""
+
+    @property
+    def option(self) -> str:
+        """The columns as they are to be given in ``--columns``."""
+        return self.as_given or self.columns
 
     def turned(self) -> Quantity:
         """With the other sign."""
         return replace(self, values=-self.values, columns=negated(self.columns))
+
+    def turned_with_plate(self) -> Quantity:
+        """With the other sign, as every force and moment of its plate."""
+        return replace(self.turned(), as_given=self.option)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -159,7 +173,8 @@ def upright(plate: Plate, notes: list[str], warnings: list[str]) -> Plate:
         " turned"
     )
     return replace(
-        plate, fz=plate.fz.turned(), fx=plate.fx and plate.fx.turned(), my=plate.my and plate.my.turned(),
+        plate, fz=plate.fz.turned_with_plate(), fx=plate.fx and plate.fx.turned_with_plate(),
+        my=plate.my and plate.my.turned_with_plate(),
     )  # fmt: skip
 
 
@@ -212,7 +227,7 @@ def added(parts: list[Quantity]) -> Quantity:
     values = parts[0].values if len(parts) == 1 else np.sum([part.values for part in parts], axis=0)
     return Quantity(
         values=values, columns="+".join(part.columns for part in parts),
-        unit=parts[0].unit, sure=all(part.sure for part in parts),
+        as_given="+".join(part.option for part in parts), unit=parts[0].unit, sure=all(part.sure for part in parts),
     )  # fmt: skip
 
 

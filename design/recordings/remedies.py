@@ -53,7 +53,7 @@ class Misfit(BadInput):
             if remedy.last and advice:
                 break
             works = _working(read, apply(how, remedy), [how], trials)
-            if works is not None:
+            if works is not None and _keeps(works[0], remedy):
                 way, warnings = works
                 advice.setdefault(f"{spoken(how, way)}{remedy.when}", warnings)
         best = [text for text, warnings in advice.items() if warnings == min(advice.values())]
@@ -78,6 +78,14 @@ def _working(
         return next((works for works in further if works is not None), None)
     except BadInput:
         return None
+
+
+def _keeps(way: Reading, remedy: Remedy) -> bool:
+    """Whether ``way`` gives the roles of a ``remedy`` as it does: none that came later took them back."""
+    columns = entries(way.columns)
+    return all(
+        columns.get(role, "").startswith(value) for role, value in remedy.options.items() if not role.startswith("--")
+    )
 
 
 def apply(how: Reading, remedy: Remedy) -> Reading:

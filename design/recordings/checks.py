@@ -9,7 +9,7 @@ import numpy as np
 
 from design.errors import BadInput
 from design.model.body import Biped
-from design.recordings.plates import Plate, Quantity
+from design.recordings.plates import Flags, Plate, Quantity
 from design.recordings.remedies import Misfit, Remedy
 from design.recordings.selection import negated
 from design.recordings.table import Array
@@ -21,6 +21,8 @@ LIGHT, HEAVY = 0.6, 1.6
 """A mean force beyond these parts of the weight of the spec is refused: one of two plates, or another unit."""
 SWAY = 0.02
 """How far the CoP of a standing person usually moves [m]: the order in which units are proposed."""
+BAND = (0.1, 0.5)
+"""Frequencies [Hz] at which the load of a standing body hardly changes, and that of one foot does."""
 MASSES = (20.0, 200.0)
 """Masses of a standing person [kg], where no spec says another."""
 WITHOUT = Remedy(options={"my": "none"}, when=" to leave the moment out", last=True)
@@ -74,6 +76,30 @@ def weight(
             f"mean vertical force {mean:.5g} N is {100 * (ratio - 1):+.0f} % off {body}: is it this body's recording?"
         ]
     return []
+
+
+def sways_up_and_down(load: Array, good: Flags, seconds: float, mass: float, biped: Biped) -> list[str]:
+    """A remark where a vertical ``load`` (n,) changes as if the CoG went up and down too far: one foot's load does.
+
+    m y'' = load - weight, so that the part of the load at a frequency w moves the CoG by load / (m w^2). ``BAND``
+    leaves out slower parts, which the drift of an amplifier makes.
+    """
+    if seconds < 1 / BAND[0] or good.mean() < 0.5:
+        return []
+    every = max(1, int((len(load) - 1) / seconds / (20 * BAND[1])))  # means of so many samples hold all of the band
+    n = len(load) // every
+    known = np.where(good, load, float(load[good].mean()))[: n * every].reshape(n, every).mean(axis=1)
+    ramp = np.linspace(-1.0, 1.0, n)
+    spectrum = np.fft.rfft((known - np.polyval(np.polyfit(ramp, known, 1), ramp)) * np.hanning(n))
+    w = 2 * np.pi * np.fft.rfftfreq(n, seconds * every / (len(load) - 1))
+    inside = (w >= 2 * np.pi * BAND[0]) & (w <= 2 * np.pi * BAND[1])
+    height = float(np.ptp(np.fft.irfft(np.where(inside, spectrum / (mass * np.maximum(w, 1e-9) ** 2), 0.0), n)))
+    if height < 0.5 * biped.L:
+        return []
+    return [
+        f"the vertical force changes as if the centre of gravity went up and down over {height:.2g} m: is it the load"
+        " of one foot of two? Give the columns of both plates, fz=COLUMN1+COLUMN2, or a --spec with the body's weight"
+    ]
 
 
 def _unlike(

@@ -15,7 +15,15 @@ from design.recordings.axes import axes, by_axis
 from design.recordings.balance_board import LOAD, PLACE
 from design.recordings.finder import Finder, check_alike, check_cells, quantity_of
 from design.recordings.names import Known
-from design.recordings.plate_columns import OF_A_PLATE, PlateColumns, foot_plate, left_out, plate_columns, usual_columns
+from design.recordings.plate_columns import (
+    OF_A_PLATE,
+    PlateColumns,
+    candidates,
+    foot_plate,
+    left_out,
+    plate_columns,
+    usual_columns,
+)
 from design.recordings.plates import UNLOADED, Plate, Quantity, some
 from design.recordings.reading import Reading
 from design.recordings.remedies import Misfit, Remedy
@@ -187,6 +195,8 @@ def _check_enough(find: Finder, roles: set[str], plates: list[PlateColumns]) -> 
             )
             give = f"give --columns {one}, or my=... of the moment; its columns: {listed(table.names)}"
             message = f"has a vertical force ({names}) but neither cop nor my{several} was found"
+            if len(forces) > 1 and (of_all := candidates(find, "cop").get("", [])):
+                message += f"; {table.names[of_all[0]]} is perhaps that of all: then add the forces up in one column"
         raise Misfit(message, file=table.origin, remedies=remedies, otherwise=give)
     _check_units(find)
     if len(plates) == 1 and "cop" in plates[0].parts:

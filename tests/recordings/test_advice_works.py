@@ -56,7 +56,7 @@ CASES = {
     "time in ms": (text(Time=1e3 * T, Fz=FZ, COPx=COP), {}, COP),
     "a hole in the stamps": (text(Time=UNEVEN, Fz=FZ, COPx=COP), {}, COP),
     "a cell of text": (re.sub(r"\n0\.5,[^,]*,", "\n0.5,abc,", text(Time=T, Fz=FZ, COPx=COP)), {}, COP),
-    "names that are not usual": (two(("left__Fvert", "left__CPap", "right__Fvert", "right__CPap")), {}, BOTH),
+    "names that are not usual": (two(("paretic__Fvert", "paretic__CPap", "other__Fvert", "other__CPap")), {}, BOTH),
     "an axis in names that are not usual ones": (two(("left__Fz", "left__COPx", "other__Fz", "other__COPx")), {}, BOTH),
     "the moment of one plate of two with the other sign": (
         two(My1=-LOADS[0] * COPS[0], My2=LOADS[1] * COPS[1]), {}, BOTH,

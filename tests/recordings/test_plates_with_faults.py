@@ -256,6 +256,21 @@ def test_without_the_reader_of_spreadsheets_the_install_line_is_shown(monkeypatc
         table_of(out.getvalue(), "trial.xlsx", Reading())
 
 
+@pytest.mark.parametrize("drift", [0.0, 30.0])
+@pytest.mark.parametrize("step", [0.02, 0.005])
+def test_the_load_of_one_foot_is_told_from_a_body_without_a_spec(tmp_path, drift, step):
+    t = np.arange(0, 40, step)
+    height = 0.1 * np.sin(2 * np.pi * 0.3 * t)  # a body that bends its knees: m (g + y'')
+    body = 70 * (9.81 - (2 * np.pi * 0.3) ** 2 * height) + drift * t / t[-1] + 2 * np.sin(40 * t)
+    foot = body * (0.5 + 0.04 * np.sin(2 * np.pi * 0.12 * t))
+    for load, warns in ((body, False), (foot, True)):
+        path = tmp_path / "trial.csv"
+        rows = zip(t, load, 0.05 + 0.01 * np.sin(t), strict=True)
+        path.write_text("Time,Fz,COPx\n" + "\n".join(f"{a:.4f},{b:.5f},{c:.6f}" for a, b, c in rows))
+        found = open_record(str(path), Reading(), BODY, given=False)
+        assert any("one foot of two" in each for each in found.warnings) == warns
+
+
 @pytest.mark.slow
 def test_an_hour_at_a_thousand_hertz_takes_half_a_gigabyte(tmp_path):
     pytest.importorskip("resource", reason="not a Unix")

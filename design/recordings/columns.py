@@ -23,6 +23,7 @@ from design.recordings.plate_columns import (
     left_out,
     plate_columns,
     usual_columns,
+    usual_sign,
 )
 from design.recordings.plates import UNLOADED, Plate, Quantity, some
 from design.recordings.reading import Reading
@@ -252,6 +253,10 @@ def _records(
             Plate(
                 tag=plate.tag, fz=own["fz"], fx=own.get("fx"), my=own.get("my"), cop=own.get("cop"),
                 selected=plate.selected, negated=negated,
+                kept=frozenset(
+                    role for role in plate.selected & {"fx", "my"}
+                    if negated and plate.parts[role][1] == usual_sign(find, role, plate.parts[role][0])
+                ),
             )
         )  # fmt: skip
     return tuple(records), None

@@ -74,7 +74,8 @@ class Plate:
 
     ``tag``: its number or side, as the columns' names tell; ``fz``, ``fx``, ``my``, ``cop``: vertical and forward force
     [N], moment [N m] and CoP [m], None if not measured; ``origin``: forward position [m] of the point that the moment
-    is about; ``selected``: the roles whose columns the user gave; ``negated``: the user gave fz with a minus.
+    is about; ``selected``: the roles whose columns the user gave; ``negated``: the user gave fz with a minus; ``kept``:
+    the roles that were given then with the sign of a plate that is not turned.
     """
 
     tag: str
@@ -85,6 +86,7 @@ class Plate:
     origin: float | None = None
     selected: frozenset[str] = frozenset()
     negated: bool = False
+    kept: frozenset[str] = frozenset()
 
     @property
     def name(self) -> str:
@@ -144,15 +146,12 @@ def upright(plate: Plate, notes: list[str], warnings: list[str]) -> Plate:
     What the user gave with its own sign, beside a vertical force that the user turned, is kept with a warning.
     """
     if plate.negated:
-        kept = [
-            (role, each.columns) for role, each in (("fx", plate.fx), ("my", plate.my))
-            if each is not None and role in plate.selected and not each.columns.startswith("-")
-        ]  # fmt: skip
-        for role, columns in kept:
-            warnings.append(
-                f"fz={plate.fz.columns} is turned, and {role}={columns} keeps its sign as given: a plate that measures"
-                f" the force on itself has both turned, {role}=-{columns}"
-            )
+        for role, each in (("fx", plate.fx), ("my", plate.my)):
+            if each is not None and role in plate.kept:
+                warnings.append(
+                    f"fz={plate.fz.columns} is turned, and {role}={each.columns} keeps its sign as given: a plate that"
+                    f" measures the force on itself has both turned, {role}={negated(each.columns)}"
+                )
         taken = [
             (role, each) for role, each in (("fx", plate.fx), ("my", plate.my))
             if each is not None and role not in plate.selected

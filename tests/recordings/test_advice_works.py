@@ -24,6 +24,8 @@ COPS = (COP - 0.02, COP + 0.02)
 LOADS = (SHARE * FZ, (1 - SHARE) * FZ)
 BOTH = SHARE * COPS[0] + (1 - SHARE) * COPS[1]
 NIL = 0 * T
+ALONG_Y = {f"{q}{a}{k}": (q == "COP") * (a == "y") * each for q in ("F", "COP") for a in "xy"
+           for k, each in enumerate((*COPS, NIL), start=1)}  # fmt: skip
 CORNERS = [FZ / 9.80665 * (1 + sign * COP / 0.119) / 4 for sign in (1, -1)]  # in kg, 238 mm apart
 
 
@@ -80,6 +82,14 @@ CASES = {
     "moments of two plates in N mm, on the plate": (
         text(Time=T, Fz1=-LOADS[0], My1=1e3 * LOADS[0] * COPS[0], Fz2=-LOADS[1], My2=1e3 * LOADS[1] * COPS[1]),
         {}, BOTH,
+    ),
+    "forces in kN of two plates and an empty one, along y": (
+        text(Time=T, **ALONG_Y, Fz1=LOADS[0] / 1e3, Fz2=LOADS[1] / 1e3, Fz3=NIL),
+        {"columns": "fz=Fz1+Fz2+Fz3,cop=COPy1+COPy2+COPy3,fx=Fy1+Fy2+Fy3"}, BOTH,
+    ),
+    "CoPs in mm of two plates and an empty one, along y": (
+        text(Time=T, **{name: 1e3 * each for name, each in ALONG_Y.items()}, Fz1=LOADS[0], Fz2=LOADS[1], Fz3=NIL),
+        {"columns": "fz=Fz1+Fz2+Fz3,cop=COPy1+COPy2+COPy3,fx=Fy1+Fy2+Fy3"}, BOTH,
     ),
     "a board's corners without a unit": (
         text(Time=T, TL=CORNERS[0], TR=CORNERS[0], BL=CORNERS[1], BR=CORNERS[1]), {}, COP,
@@ -171,6 +181,11 @@ def test_a_plate_is_turned_whole_or_what_was_not_turned_is_said(tmp_path):
         assert record.cop == pytest.approx(COP, abs=1e-6)
         assert record.horizontal == pytest.approx(FX, abs=1e-6)
         assert not record.warnings
+    path.write_text(text(Time=T, Fx=-FX, Fy=NIL, Fz=-FZ, Mx=-COP * FZ, COPy=COP))  # y forward: CoP = Mx / Fz
+    record = open_record(str(path), Reading(columns="fz=-Fz,my=Mx", forward="y"), BODY, given=True)
+    assert record.cop == pytest.approx(COP, abs=1e-6)
+    assert not record.warnings
+    path.write_text(text(Time=T, Fx=-FX, Fz=-FZ, My=COP * FZ))
     record = open_record(str(path), Reading(columns="fz=-Fz,my=My"), BODY, given=True)
     assert "my=My keeps its sign" in " ".join(record.warnings)
     record = open_record(str(path), Reading(columns="fz=-Fz,fx=Fx"), BODY, given=True)

@@ -96,9 +96,9 @@ def _rate(lines: list[str]) -> tuple[float | None, list[str]]:
     for line, after in zip(lines, [*lines[1:], ""], strict=False):
         if match := _RATE.fullmatch(line.strip()):
             found.setdefault(float(match[2].replace(",", ".")), match[1])
-        number = after.strip(" ,;\t")
-        if line.strip(" ,;\t").lower() in _VICON and re.fullmatch(r"\d+(\.\d+)?", number):
-            found.setdefault(float(number), line.strip(" ,;\t"))
+        number = after.strip(' ,;\t"')
+        if line.strip(' ,;\t"').lower() in _VICON and re.fullmatch(r"\d+(\.\d+)?", number):
+            found.setdefault(float(number), line.strip(' ,;\t"'))
     found.pop(0.0, None)
     if len(found) == 1:
         rate, name = next(iter(found.items()))

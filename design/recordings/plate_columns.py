@@ -174,6 +174,8 @@ def _paired(find: Finder, role: str, parts: Parts, plates: list[PlateColumns], *
             f"has {leading}={label} {of(tags, len(loads))} and {role}={own_label} {of(own, len(parts))}; needs"
             " columns of the same plates, one of each"
         )
+        if role == "cop" and len(parts) == 1 and not own[0]:
+            message += "; the CoP of all plates needs the sum of their forces in one column"
         remedies = [Remedy(options={role: ""}), *usual_columns(find, plates)]
         raise Misfit(message, file=find.table.origin, remedies=remedies)
     order = _order(find, loads, parts, tags if named else None, own)

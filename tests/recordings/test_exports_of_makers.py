@@ -76,6 +76,10 @@ def spelled(pattern):
 EXPORTS = {
     "Vicon, on the plate, mm": (VICON + rows(VICON_COLUMNS), {}, 1000),
     "Vicon, with trajectories below": (VICON + rows(VICON_COLUMNS) + "\n" + TRAJECTORIES, {}, 1000),
+    "Vicon, with its titles in quotes": (
+        (VICON + rows(VICON_COLUMNS) + "\n" + TRAJECTORIES).replace("Devices", '"Devices"').replace("Tr", '"Tr', 1)
+        .replace("ies\n", 'ies"\n', 1), {}, 1000,
+    ),
     "Vicon, with trajectories above": (TRAJECTORIES + "\n" + VICON + rows(VICON_COLUMNS), {}, 1000),
     "Visual3D": (
         VISUAL3D + rows([1 + np.arange(N), FX, FY, FZ, COP, 0.03 + NIL, NIL], "\t"), {"rate": 100.0}, 100

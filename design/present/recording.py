@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from design.spec.setting import setting
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
-ROWS = 50_000
+ROWS = 20_000
 """Rows of CSV that are made at a time."""
 
 ASSUMED_SPEC = "adult-slope"
@@ -88,8 +88,8 @@ def render(
     output: str | None,
     *,
     strict: bool = False,
-) -> str:
-    """The recording in a ``form``: text, json or csv; the picture and the spec are written where they are asked for."""
+) -> str | Iterator[str]:
+    """The recording in a ``form``: text, json or (in parts) csv; picture and spec are written where they are wanted."""
     picture = plots.format_of(plot) if plot else None
     check_apart(file, spec, {"--plot": plot, "--as-spec": as_spec, "-o": output})
     store.check_writable(plot, as_spec, output)
@@ -97,7 +97,7 @@ def render(
         message = "is the interval of the profile that --as-spec writes; give --as-spec OUT.toml too"
         raise BadInput(message, key="--every")
     result = measured(file, how, spec, strict=strict)
-    written = {"text": as_text, "json": as_json, "csv": as_csv}[form](result)
+    written = as_csv(result) if form == "csv" else {"text": as_text, "json": as_json}[form](result)
     profile = recording_spec.as_toml(result.source, result.record, result.found, every) if as_spec else None
     if plot and picture:
         store.write(plot, plots.figure_bytes(recording_plots.figure(result.record, result.found), picture))
@@ -280,8 +280,8 @@ def _figures(found: Least | None) -> dict[str, float] | None:
     }  # fmt: skip
 
 
-def as_csv(result: Measured) -> str:
-    """The samples; what was not measured is an empty column, and what is not valid an empty cell."""
+def as_csv(result: Measured) -> Iterator[str]:
+    """The samples, ``ROWS`` at a time; what was not measured is an empty column, what is not valid an empty cell."""
     record, found = result.record, result.found
     columns: dict[str, Array | None] = {
         "vertical_force_n": record.load, "toe_force_n": record.F_T, "heel_force_n": record.F_H, "cop_m": record.cop,
@@ -289,7 +289,7 @@ def as_csv(result: Measured) -> str:
         "rate_rad_per_s": record.omega, "torque_nm": record.torque, "fx_estimate_n": found.F_x,
         "fy_estimate_n": found.F_y,
     }  # fmt: skip
-    text = [",".join(["time_s", *columns, "valid"])]
+    yield ",".join(["time_s", *columns, "valid"]) + "\n"
     for first in range(0, len(record.t), ROWS):
         part = slice(first, first + ROWS)
         usable = record.valid[part]
@@ -304,5 +304,4 @@ def as_csv(result: Measured) -> str:
                 both = zip(values[part].tolist(), known.tolist(), strict=True)
                 cells.append([repr(x) if ok else "" for x, ok in both])
         cells.append(map(str, usable.astype(int).tolist()))
-        text.append("\n".join(map(",".join, zip(*cells, strict=True))))
-    return "\n".join(text) + "\n"
+        yield "\n".join(map(",".join, zip(*cells, strict=True))) + "\n"

@@ -13,7 +13,7 @@ import os
 import platform
 import stat
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
@@ -136,16 +136,18 @@ def _plain(value: Any) -> Any:
     return value
 
 
-def write(path: str | Path, content: str | bytes) -> None:
-    """Write ``content`` to ``path`` whole or not at all; raises ``BadInput`` if it cannot be written.
+def write(path: str | Path, content: str | bytes | Iterable[str]) -> None:
+    """Write ``content``, or its parts one by one, to ``path``: whole or not at all.
 
-    A pipe or a device is written through, not replaced.
+    A pipe or a device is written through, not replaced. Raises ``BadInput`` if it cannot be written.
     """
-    data = content.encode() if isinstance(content, str) else content
+    parts = [content] if isinstance(content, str | bytes) else content
+    data = (part.encode() if isinstance(part, str) else part for part in parts)
     target = Path(path)
     try:
         if target.exists() and not target.is_file() and not target.is_dir():
-            target.write_bytes(data)
+            with target.open("wb") as file:
+                file.writelines(data)
             return
         _replace(target, data)
     except OSError as error:
@@ -153,14 +155,14 @@ def write(path: str | Path, content: str | bytes) -> None:
         raise BadInput(message, file=str(path)) from None
 
 
-def _replace(target: Path, data: bytes) -> None:
+def _replace(target: Path, data: Iterable[bytes]) -> None:
     target = target.resolve()
     if target.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(data)
+            file.writelines(data)
             file.flush()
             os.fsync(file.fileno())
         _as_before(Path(name), target)

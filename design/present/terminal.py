@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, TextIO
 
@@ -116,14 +116,15 @@ def ended(run: Callable[[], object], *, debug: bool, stops: tuple[type[BaseExcep
     return code if isinstance(code, int) else 0
 
 
-def deliver(result: str, output: str | None) -> None:
-    """The result to the file ``output``, or to standard output."""
+def deliver(result: str | Iterable[str], output: str | None) -> None:
+    """The result, or its parts one by one, to the file ``output``, or to standard output."""
     if output:
         from design.present.store import write
 
         write(output, result)
     else:
-        out(result)
+        for part in [result] if isinstance(result, str) else result:
+            out(part)
 
 
 def painter_for_output(*, to_file: bool = False) -> Paint:

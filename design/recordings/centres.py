@@ -39,7 +39,7 @@ def centres_of(
     """The role and columns that the CoP follows from, and the CoP of each plate (n,) [m]; None if it has none."""
     cops = [plate.cop for plate in plates if plate.cop]
     moments = [plate.my for plate in plates if plate.my]
-    labels = {"cop": "+".join(each.columns for each in cops), "my": "+".join(each.columns for each in moments)}
+    labels = {"cop": "+".join(each.option for each in cops), "my": "+".join(each.option for each in moments)}
     for plate in plates:
         rows = good & (plate.fz.values > UNLOADED * usual)
         moment = plate.from_moment()
@@ -72,6 +72,10 @@ def _check_origins(
         return
     centres = [each for plate in plates if (each := plate.from_moment()) is not None]
     rows = [good & (plate.fz.values > UNLOADED * usual) for plate in plates]
+    together = added([plate.my for plate in plates if plate.my])
+    for cop, loaded in zip(centres, rows, strict=True):
+        if loaded.any():  # a moment in another unit is none about another point
+            checks.reach(cop[loaded], "my", together, ell, 0.0, file)
     # feet stand side by side: what is further apart than a foot is long was measured about different points
     apart = checks.apart(plates, centres, rows, ell)
     label = "+".join(plate.my.columns for plate in plates if plate.my)
@@ -84,7 +88,8 @@ def _check_origins(
         raise BadInput(message, file=file, key=key)
     if "my" not in columns.selected:
         message = "CoP is missing; the moments are each about the origin of their own plate"
-        remedy = Remedy(options={"my": label}, when=" if these are at one forward position (else --origins X1,X2:UNIT)")
+        given = "+".join(plate.my.option for plate in plates if plate.my)
+        remedy = Remedy(options={"my": given}, when=" if these are at one forward position (else --origins X1,X2:UNIT)")
         raise Misfit(
             message, file=file, key=key, remedies=[remedy], otherwise="give the CoP of each plate, or --origins"
         )

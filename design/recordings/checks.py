@@ -9,7 +9,7 @@ import numpy as np
 
 from design.errors import BadInput
 from design.model.body import Biped
-from design.recordings.plates import Plate, Quantity
+from design.recordings.plates import Flags, Plate, Quantity
 from design.recordings.remedies import Misfit, Remedy
 from design.recordings.selection import negated
 from design.recordings.table import Array
@@ -21,6 +21,8 @@ LIGHT, HEAVY = 0.6, 1.6
 """A mean force beyond these parts of the weight of the spec is refused: one of two plates, or another unit."""
 SWAY = 0.02
 """How far the CoP of a standing person usually moves [m]: the order in which units are proposed."""
+BAND = (0.1, 0.5)
+"""Frequencies [Hz] at which the load of a standing body hardly changes, and that of one foot does."""
 MASSES = (20.0, 200.0)
 """Masses of a standing person [kg], where no spec says another."""
 WITHOUT = Remedy(options={"my": "none"}, when=" to leave the moment out", last=True)
@@ -74,6 +76,30 @@ def weight(
             f"mean vertical force {mean:.5g} N is {100 * (ratio - 1):+.0f} % off {body}: is it this body's recording?"
         ]
     return []
+
+
+def sways_up_and_down(load: Array, good: Flags, seconds: float, mass: float, biped: Biped) -> list[str]:
+    """A remark where a vertical ``load`` (n,) changes as if the CoG went up and down too far: one foot's load does.
+
+    m y'' = load - weight, so that the part of the load at a frequency w moves the CoG by load / (m w^2). ``BAND``
+    leaves out slower parts, which the drift of an amplifier makes.
+    """
+    if seconds < 1 / BAND[0] or good.mean() < 0.5:
+        return []
+    every = max(1, int((len(load) - 1) / seconds / (20 * BAND[1])))  # means of so many samples hold all of the band
+    n = len(load) // every
+    known = np.where(good, load, float(load[good].mean()))[: n * every].reshape(n, every).mean(axis=1)
+    ramp = np.linspace(-1.0, 1.0, n)
+    spectrum = np.fft.rfft((known - np.polyval(np.polyfit(ramp, known, 1), ramp)) * np.hanning(n))
+    w = 2 * np.pi * np.fft.rfftfreq(n, seconds * every / (len(load) - 1))
+    inside = (w >= 2 * np.pi * BAND[0]) & (w <= 2 * np.pi * BAND[1])
+    height = float(np.ptp(np.fft.irfft(np.where(inside, spectrum / (mass * np.maximum(w, 1e-9) ** 2), 0.0), n)))
+    if height < 0.5 * biped.L:
+        return []
+    return [
+        f"the vertical force changes as if the centre of gravity went up and down over {height:.2g} m: is it the load"
+        " of one foot of two? Give the columns of both plates, fz=COLUMN1+COLUMN2, or a --spec with the body's weight"
+    ]
 
 
 def _unlike(
@@ -138,8 +164,8 @@ def agreement(
     if -1.25 < slope < -0.8:
         message = f"CoP is minus {formula}: the sign of the moment, or of the axis"
         remedies = [Remedy(options={"my": negated(labels["my"])}), WITHOUT] if moment else []
-        if moment and moment.columns != labels["my"]:  # one plate's alone
-            parts = [negated(part) if part == moment.columns else part for part in labels["my"].split("+")]
+        if moment and moment.option != labels["my"]:  # one plate's alone
+            parts = [negated(part) if part == moment.option else part for part in labels["my"].split("+")]
             remedies.insert(1, Remedy(options={"my": "+".join(parts)}))
         raise Misfit(message, file=file, key=where, remedies=remedies, otherwise="give --forward with the other sign")
     message = f"CoP (read in {quantity.unit}) is {plain:.4g} times {formula}; needs 1"
@@ -172,7 +198,7 @@ def reach(
         likely = sorted((unit for unit in sway if sway[unit] <= 2 * ell), key=lambda u: abs(math.log(sway[u] / SWAY)))
         remedies = [
             Remedy(
-                options={role: f"{quantity.columns}:{unit}"},
+                options={role: f"{quantity.option}:{unit}"},
                 when=f" (it fits if the column is in {unit}: then the CoP moves over {1e3 * sway[unit]:.3g} mm)",
             )
             for unit in likely[:2] if sway[unit] > 0.01 * ell
@@ -184,6 +210,10 @@ def reach(
         raise Misfit(
             message, file=file, key=where, remedies=remedies, otherwise="correct the header, or check the column"
         )
+    if role == "my" and 1e-9 < spread < 0.01 * ell and seconds > 2 and not (quantity.sure or confirmed):
+        message = f"{what} moves over only {1e3 * spread:.3g} mm, which no standing person's does"
+        remedies = [Remedy(options={"my": f"{quantity.option}:{unit}"}) for unit in ("kN m", quantity.unit)]
+        raise Misfit(message, file=file, key=where, remedies=remedies, otherwise="state the unit of the moment")
     if spread > 2 * ell:
         return [
             f"{what.replace('(', f'(column {quantity.columns}, ', 1)} moves over {spread:.4g} m, more than the foot's"

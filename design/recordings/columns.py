@@ -12,15 +12,25 @@ import numpy as np
 from design.errors import BadInput
 from design.recordings import names as usual
 from design.recordings.axes import axes, by_axis
+from design.recordings.balance_board import LOAD, PLACE
 from design.recordings.finder import Finder, check_alike, check_cells, quantity_of
 from design.recordings.names import Known
-from design.recordings.plate_columns import OF_A_PLATE, PlateColumns, foot_plate, left_out, plate_columns, usual_columns
+from design.recordings.plate_columns import (
+    OF_A_PLATE,
+    PlateColumns,
+    candidates,
+    foot_plate,
+    left_out,
+    plate_columns,
+    usual_columns,
+    usual_sign,
+)
 from design.recordings.plates import UNLOADED, Plate, Quantity, some
 from design.recordings.reading import Reading
 from design.recordings.remedies import Misfit, Remedy
 from design.recordings.selection import ROLES, Parts, joined, listed, parse
 from design.recordings.table import Array, Table
-from design.recordings.units import Kind, bracketed
+from design.recordings.units import FACTORS, Kind, bracketed
 from design.recordings.units import listed as units_listed
 
 EXAMPLE = "--columns time=NAME:s,fz=NAME:N,cop=NAME:cm"
@@ -76,7 +86,8 @@ def assign(table: Table, how: Reading) -> Columns:
     for role, quantity in quantities.items():
         _check_cells(find, role, parts[role], ~np.isfinite(quantity.values))
     records, cop = _records(find, plates, quantities if foot else None)
-    if find.axes.assumed and ("com_x" in parts or any({"cop", "fx", "my"} & set(each.parts) for each in plates)):
+    along = [each.parts[role][0] for each in plates for role in ("cop", "fx", "my") if role in each.parts]
+    if find.axes.assumed and ("com_x" in parts or any(not known[k].role for k in along if k in known)):
         find.assumed.append(f"{find.axes.forward} points forward, to the toes (give --forward){_beside(find, records)}")
     missing = [] if foot else left_out(find, plates)
     if missing and any("cop" in each.selected or "fz" in each.selected for each in plates):
@@ -94,9 +105,16 @@ def _known(table: Table) -> dict[int, Known]:
     known = {index: found for index, name in enumerate(table.names) if (found := usual.recognise(name))}
     if {"toe_force_n", "heel_force_n"} <= set(table.names):  # our own CSV
         return {index: found for index, found in known.items() if found.role or not found.kind}
+    if any(each.kind == "force" or each.role in ("fz", "toe") for each in known.values()):
+        return known
+    if LOAD in table.names and not any(each.kind == "cop" or each.role == "cop" for each in known.values()):
+        return {
+            **known, table.names.index(LOAD): Known(role="fz", tag="board"),
+            table.names.index(PLACE): Known(role="cop", tag="board"),
+        }  # fmt: skip
     weights = [index for index, name in enumerate(table.names) if usual.is_weight(name)]
-    if len(weights) == 1 and not any(each.kind == "force" or each.role in ("fz", "toe") for each in known.values()):
-        known[weights[0]] = Known(role="fz")
+    if len(weights) == 1:
+        known[weights[0]] = Known(role="fz", unit=usual.unit_after(table.names[weights[0]]))
     return known
 
 
@@ -154,7 +172,7 @@ def _check_enough(find: Finder, roles: set[str], plates: list[PlateColumns]) -> 
     table, forces = find.table, [plate for plate in plates if "fz" in plate.parts]
     if forces and all("fz" in plate.parts and {"cop", "my"} & set(plate.parts) for plate in plates):
         return
-    give = f"give {EXAMPLE}; its columns: {listed(table.names)}"
+    give = f"give {EXAMPLE}; its columns: {listed(table.names)}{_means(table)}"
     remedies = usual_columns(find, plates)
     places = joined(tuple(plate.parts["cop"] for plate in plates if "cop" in plate.parts), table.names)
     if plates and places and len(plates) > max(len(forces), 1):
@@ -173,7 +191,13 @@ def _check_enough(find: Finder, roles: set[str], plates: list[PlateColumns]) -> 
             )
         else:
             several = " of each plate" if len(forces) > 1 else ""
+            one = (
+                "cop=NAME:cm" if len(forces) == 1 else f"cop={'+'.join(f'NAME{k + 1}' for k in range(len(forces)))}:cm"
+            )
+            give = f"give --columns {one}, or my=... of the moment; its columns: {listed(table.names)}"
             message = f"has a vertical force ({names}) but neither cop nor my{several} was found"
+            if len(forces) > 1 and (of_all := candidates(find, "cop").get("", [])):
+                message += f"; {table.names[of_all[0]]} is perhaps that of all: then add the forces up in one column"
         raise Misfit(message, file=table.origin, remedies=remedies, otherwise=give)
     _check_units(find)
     if len(plates) == 1 and "cop" in plates[0].parts:
@@ -183,6 +207,15 @@ def _check_enough(find: Finder, roles: set[str], plates: list[PlateColumns]) -> 
         " centre of gravity and ankles"
     )
     raise Misfit(message, file=table.origin, remedies=remedies, otherwise=give)
+
+
+def _means(table: Table) -> str:
+    """The mean of each column, for a message about a file that names none: the vertical force is told by its size."""
+    if not all(name == f"column {index}" for index, name in enumerate(table.names, start=1)) or len(table.names) > 24:
+        return ""
+    known = [some(column) for column in table.values.T]
+    means = ", ".join(f"{column.mean():.3g}" if len(column) else "none" for column in known)
+    return f" (means: {means}), given by their numbers, as fz=3"
 
 
 def _check_units(find: Finder) -> None:
@@ -211,11 +244,19 @@ def _records(
             own["fz"] = replace(toe, values=toe.values + heel.values, columns=f"{toe.columns}+{heel.columns}")
         if "fz" not in own:
             return tuple(records), own.get("cop")
+        fz, fx = own["fz"], own.get("fx")
+        if fx is not None and fz.sure and not fx.sure:  # both forces of a plate are written in one unit
+            scale = FACTORS["force"][fz.unit] / FACTORS["force"][fx.unit]
+            own["fx"] = replace(fx, values=scale * fx.values, unit=fz.unit)
         negated = plate.parts.get("fz", (0, 1))[1] < 0 and "fz" in plate.selected
         records.append(
             Plate(
                 tag=plate.tag, fz=own["fz"], fx=own.get("fx"), my=own.get("my"), cop=own.get("cop"),
                 selected=plate.selected, negated=negated,
+                kept=frozenset(
+                    role for role in plate.selected & {"fx", "my"}
+                    if negated and plate.parts[role][1] == usual_sign(find, role, plate.parts[role][0])
+                ),
             )
         )  # fmt: skip
     return tuple(records), None

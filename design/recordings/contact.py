@@ -88,6 +88,8 @@ def contact(
 
     # the load of all, compared with the body; the CoP of each plate, compared with its moment
     biped = _body(float(total.values[good].mean()), total, columns, subject, file, say)
+    if not subject.given:
+        say.warnings += checks.sways_up_and_down(total.values, good, seconds, biped.M + biped.m, biped)
     for plate in plates:
         check_one_sign(plate, file)
     sources, centres = centres_of(plates, good, usual, columns, subject, file, say)
@@ -148,7 +150,7 @@ def _body(mean: float, total: Quantity, columns: Columns, subject: Subject, file
         role: columns.quantities[role].columns for role in ("toe", "heel") if role in columns.quantities
     }
     say.warnings += checks.weight(
-        mean, total, subject.biped, given=subject.given, file=file, forces=foot or {"fz": total.columns},
+        mean, total, subject.biped, given=subject.given, file=file, forces=foot or {"fz": total.option},
         usual=columns.usual,
     )  # fmt: skip
     if subject.given:

@@ -76,7 +76,7 @@ def column_unit(find: Finder, role: str, index: int) -> tuple[str, bool]:
         message = f"is in {stated}, and {role} is a {kind}; allowed: {', '.join(FACTORS[kind])}"
         raise BadInput(message, file=find.table.origin, key=f"column {name}")
     own = choice.unit if choice else None
-    odd = bracketed(name)
+    odd = None if known else bracketed(name)
     if odd and not stated and not own:
         message = (
             f"states the unit {odd[1]!r}, which is not known; {role} needs one of {units_listed(kind)}: give"

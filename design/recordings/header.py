@@ -59,6 +59,14 @@ def understand(lines: Sequence[str], above: list[int], cells: Callable[[str], li
     if len(last) != count or not any(last):
         odd = f"line {index + 1} names {len(last)} column{'s' * (len(last) != 1)} over rows of {count}: no names taken"
         return Header(columns=(), rate=rate, said=(*said, odd), promised=promised)
+    kinds = [_row(lines[index], cells, count) for index in above[-5:-1]]
+    if {cell.upper() for cell in last[1:]} <= set("XYZ") and len(kinds) == 4 and all(len(k) == count for k in kinds):
+        # Visual3D: file, signal, type and folder stand above each component
+        signals = (
+            f"{re.sub(kind, '', signal, flags=re.IGNORECASE)} {kind} {axis}".strip() if kind.isalnum() else axis
+            for signal, kind, axis in zip(kinds[1][1:], kinds[2][1:], last[1:], strict=True)
+        )
+        last = [last[0], *signals]
     columns = [name_and_unit(cell) for cell in last]
     if units is not None:
         columns = [(name, own or unit) for (name, own), unit in zip(columns, units, strict=True)]
@@ -88,9 +96,9 @@ def _rate(lines: list[str]) -> tuple[float | None, list[str]]:
     for line, after in zip(lines, [*lines[1:], ""], strict=False):
         if match := _RATE.fullmatch(line.strip()):
             found.setdefault(float(match[2].replace(",", ".")), match[1])
-        number = after.strip(" ,;\t")
-        if line.strip(" ,;\t").lower() in _VICON and re.fullmatch(r"\d+(\.\d+)?", number):
-            found.setdefault(float(number), line.strip(" ,;\t"))
+        number = after.strip(' ,;\t"')
+        if line.strip(' ,;\t"').lower() in _VICON and re.fullmatch(r"\d+(\.\d+)?", number):
+            found.setdefault(float(number), line.strip(' ,;\t"'))
     found.pop(0.0, None)
     if len(found) == 1:
         rate, name = next(iter(found.items()))

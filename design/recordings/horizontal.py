@@ -20,14 +20,17 @@ CLEAR = 0.5
 
 def against_cop(force: Array, cop: Array, rate: float) -> float | None:
     """Correlation of ``force`` and ``cop`` (n,), sampled at ``rate`` [Hz], in ``BAND``; None if too little is known."""
-    n = len(force)
+    every = max(1, int(rate / (10 * BAND[1])))  # means of so many samples hold all that is in the band
+    n = len(force) // every
+    rate /= every
     if n / rate < CYCLES / BAND[0] or rate < 4 * BAND[0]:
         return None
     frequencies = np.fft.rfftfreq(n, 1 / rate)
     inside = (frequencies >= BAND[0]) & (frequencies <= BAND[1])
     ramp, window = np.linspace(-1.0, 1.0, n), np.hanning(n)
     banded = []
-    for values in (force, cop):
+    for samples in (force, cop):
+        values = samples[: n * every].reshape(n, every).mean(axis=1)
         level = np.polynomial.Polynomial.fit(ramp, values, 1)(ramp)
         moving = values - level
         spectrum = np.fft.rfft(moving * window)

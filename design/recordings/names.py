@@ -21,17 +21,24 @@ SCALARS = {
 _ROLE = {word: role for role, words in SCALARS.items() for word in words.split()}
 
 _KIND = {
-    "force": "f force forcef grf grfnet groundreactionforce",
-    "moment": "m moment momentm grm groundreactionmoment",
-    "cop": "cop copnet c copc copa centerofpressure centreofpressure",
+    "force": "f for force forcef grf grfnet groundreactionforce",
+    "moment": "m mom moment momentm grm groundreactionmoment",
+    "cop": "cop copnet c copc copa cofp centerofpressure centreofpressure",
     "com": "com cog centerofmass centreofmass centerofgravity centreofgravity",
     "ankle": "ankle ank anklejoint anklejointcenter anklejointcentre",
 }
 _WORD = {word: kind for kind, words in _KIND.items() for word in words.split()}
+_PLATE = r"(?:fp|forceplate|forceplatform|plate|platform|p)?\d+"
 _AXIS = re.compile(
-    r"(?P<pre>net|total|sum|right|left|r|l|(?:fp|forceplate|forceplatform|plate|platform|p)?\d+)?"
-    rf"(?P<word>{'|'.join(sorted(_WORD, key=len, reverse=True))})(?P<axis>[xyz])"
-    r"(?P<post>net|total|sum|right|left|r|l|\d+)?"
+    rf"(?P<pre>net|total|sum|right|left|r|l|{_PLATE})?"
+    rf"(?P<word>{'|'.join(sorted(_WORD, key=len, reverse=True))})(?P<mid>right|left|\d+)?(?P<axis>[xyz])"
+    rf"(?P<post>net|total|sum|right|left|r|l|{_PLATE})?"
+)
+_MARKER = re.compile(r"[cm]\d+[xyz]")
+"""Vertebrae and metatarsals, by which markers are called."""
+_SCALAR = re.compile(
+    rf"(?P<pre>right|left|{_PLATE})?(?P<word>{'|'.join(word for word in _ROLE if _ROLE[word] in ('fz', 'fx', 'cop'))})"
+    rf"(?P<post>right|left|{_PLATE})?"
 )
 _SIDE = r"right|left|r|l|\d+"
 _OPENSIM = re.compile(rf"(?P<pre>{_SIDE})?groundforce(?P<mid>{_SIDE})?(?P<word>[vp])(?P<axis>[xyz])(?P<post>{_SIDE})?")
@@ -73,8 +80,11 @@ def _plain(name: str, unit: str | None) -> Known | None:
         kind = {"v": "force", "p": "cop"}[match["word"]]
         tags = {_tag(match[part]) for part in ("pre", "mid", "post")} | {number}
         return Known(kind=kind, axis=match["axis"], tag="/".join(sorted(tags - {""})), unit=unit)
-    if match := _AXIS.fullmatch(key):
+    if match := _SCALAR.fullmatch(key):
         tags = {_tag(match["pre"]), _tag(match["post"]), number} - {""}
+        return Known(role=_ROLE[match["word"]], tag="/".join(sorted(tags)), unit=unit)
+    if (match := _AXIS.fullmatch(key)) and not _MARKER.fullmatch(key):
+        tags = {_tag(match["pre"]), _tag(match["mid"]), _tag(match["post"]), number} - {""}
         whole = match["word"].endswith("net") or match["pre"] in _WHOLE - {""} or match["post"] in _WHOLE - {""}
         tag = "net" if whole else "/".join(sorted(tags))
         return Known(kind=_WORD[match["word"]], axis=match["axis"], tag=tag, unit=unit)
@@ -90,6 +100,12 @@ def resembled(name: str) -> Known | None:
             rest = " ".join(words[:index] + words[index + 1 :]).lower()
             return replace(known, tag=" ".join(filter(None, (rest, known.tag))))
     return None
+
+
+def unit_after(name: str) -> str | None:
+    """The unit that a name ends in after an underscore: ``weight_kg`` -> ``kgf``."""
+    match = _SUFFIX.fullmatch(name)
+    return unit_of(match[2].replace("_per_", "/")) if match else None
 
 
 def is_weight(name: str) -> bool:

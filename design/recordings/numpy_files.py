@@ -55,6 +55,9 @@ def npz(content: bytes, path: str) -> Table:
     }
     if not columns and len(matrices) == 1:
         return _of_matrix(matrices[0], None, path, ".npz file", rate)
+    for name, array in arrays.items():  # vectors (n, 2) or (n, 3) beside columns: along x, y and z
+        if array.dtype.kind in "fiu" and array.ndim == 2 and 2 <= array.shape[1] <= 3 < len(array):
+            columns |= {f"{name}_{axis}": array[:, k] for k, axis in enumerate("xyz"[: array.shape[1]])}
     return _of_columns(columns, path, ".npz file", rate)
 
 

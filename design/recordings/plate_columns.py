@@ -70,9 +70,11 @@ def candidates(find: Finder, role: str) -> dict[str, list[int]]:
     return by_tag
 
 
-def _sign(find: Finder, role: str, index: int) -> int:
-    """The sign of a column that is known by its axis; a name that says the role has none."""
-    return 1 if find.known[index].role else find.axes.of(role)[2]
+def usual_sign(find: Finder, role: str, index: int) -> int:
+    """The sign with which a column is the ``role``, as its axis tells; a name that tells no axis has none."""
+    kind, axis, sign = find.axes.of(role)
+    known = find.known.get(index)
+    return sign if known and (known.kind, known.axis) == (kind, axis) else 1
 
 
 def _check_one_axis(find: Finder, role: str) -> None:
@@ -150,7 +152,7 @@ def _completed(
     if role == "fx" and None in columns:
         return plates
     return [
-        plate if index is None else replace(plate, parts={**plate.parts, role: (index, _sign(find, role, index))})
+        plate if index is None else replace(plate, parts={**plate.parts, role: (index, usual_sign(find, role, index))})
         for plate, index in zip(plates, columns, strict=True)
     ]
 
@@ -172,6 +174,8 @@ def _paired(find: Finder, role: str, parts: Parts, plates: list[PlateColumns], *
             f"has {leading}={label} {of(tags, len(loads))} and {role}={own_label} {of(own, len(parts))}; needs"
             " columns of the same plates, one of each"
         )
+        if role == "cop" and len(parts) == 1 and not own[0]:
+            message += "; the CoP of all plates needs the sum of their forces in one column"
         remedies = [Remedy(options={role: ""}), *usual_columns(find, plates)]
         raise Misfit(message, file=find.table.origin, remedies=remedies)
     order = _order(find, loads, parts, tags if named else None, own)
@@ -220,7 +224,7 @@ def foot_plate(find: Finder) -> list[PlateColumns]:
         elif role not in find.selected and len(named) == 1:
             columns = next(iter(named.values()))
             check_alike(find, role, columns)
-            parts[role] = (columns[0], _sign(find, role, columns[0]))
+            parts[role] = (columns[0], usual_sign(find, role, columns[0]))
     selected = frozenset(role for role in parts if find.selected.get(role))
     return [PlateColumns(tag="", parts=parts, selected=selected)]
 

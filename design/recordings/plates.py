@@ -42,16 +42,30 @@ def usual_load(force: Array) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Quantity:
-    """One quantity in SI units (n,), the ``columns`` it comes from, and its ``unit`` there; ``sure``: it is stated."""
+    """One quantity in SI units (n,), the ``columns`` it comes from, and its ``unit`` there; ``sure``: it is stated.
+
+    ``as_given``: the columns with their signs before the whole plate was turned, if it was. Who gives them in
+    ``--columns`` gets this quantity, since the plate is turned then too.
+    """
 
     values: Array
     columns: str
     unit: str
     sure: bool
+    as_given: str = ""
+
+    @property
+    def option(self) -> str:
+        """The columns as they are to be given in ``--columns``."""
+        return self.as_given or self.columns
 
     def turned(self) -> Quantity:
         """With the other sign."""
         return replace(self, values=-self.values, columns=negated(self.columns))
+
+    def turned_with_plate(self) -> Quantity:
+        """With the other sign, as every force and moment of its plate."""
+        return replace(self.turned(), as_given=self.option)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,7 +74,8 @@ class Plate:
 
     ``tag``: its number or side, as the columns' names tell; ``fz``, ``fx``, ``my``, ``cop``: vertical and forward force
     [N], moment [N m] and CoP [m], None if not measured; ``origin``: forward position [m] of the point that the moment
-    is about; ``selected``: the roles whose columns the user gave; ``negated``: the user gave fz with a minus.
+    is about; ``selected``: the roles whose columns the user gave; ``negated``: the user gave fz with a minus; ``kept``:
+    the roles that were given then with the sign of a plate that is not turned.
     """
 
     tag: str
@@ -71,6 +86,7 @@ class Plate:
     origin: float | None = None
     selected: frozenset[str] = frozenset()
     negated: bool = False
+    kept: frozenset[str] = frozenset()
 
     @property
     def name(self) -> str:
@@ -130,15 +146,12 @@ def upright(plate: Plate, notes: list[str], warnings: list[str]) -> Plate:
     What the user gave with its own sign, beside a vertical force that the user turned, is kept with a warning.
     """
     if plate.negated:
-        kept = [
-            (role, each.columns) for role, each in (("fx", plate.fx), ("my", plate.my))
-            if each is not None and role in plate.selected and not each.columns.startswith("-")
-        ]  # fmt: skip
-        for role, columns in kept:
-            warnings.append(
-                f"fz={plate.fz.columns} is turned, and {role}={columns} keeps its sign as given: a plate that measures"
-                f" the force on itself has both turned, {role}=-{columns}"
-            )
+        for role, each in (("fx", plate.fx), ("my", plate.my)):
+            if each is not None and role in plate.kept:
+                warnings.append(
+                    f"fz={plate.fz.columns} is turned, and {role}={each.columns} keeps its sign as given: a plate that"
+                    f" measures the force on itself has both turned, {role}={negated(each.columns)}"
+                )
         taken = [
             (role, each) for role, each in (("fx", plate.fx), ("my", plate.my))
             if each is not None and role not in plate.selected
@@ -159,7 +172,8 @@ def upright(plate: Plate, notes: list[str], warnings: list[str]) -> Plate:
         " turned"
     )
     return replace(
-        plate, fz=plate.fz.turned(), fx=plate.fx and plate.fx.turned(), my=plate.my and plate.my.turned(),
+        plate, fz=plate.fz.turned_with_plate(), fx=plate.fx and plate.fx.turned_with_plate(),
+        my=plate.my and plate.my.turned_with_plate(),
     )  # fmt: skip
 
 
@@ -212,7 +226,7 @@ def added(parts: list[Quantity]) -> Quantity:
     values = parts[0].values if len(parts) == 1 else np.sum([part.values for part in parts], axis=0)
     return Quantity(
         values=values, columns="+".join(part.columns for part in parts),
-        unit=parts[0].unit, sure=all(part.sure for part in parts),
+        as_given="+".join(part.option for part in parts), unit=parts[0].unit, sure=all(part.sure for part in parts),
     )  # fmt: skip
 
 

@@ -9,12 +9,13 @@ import numpy as np
 from design.errors import BadInput
 from design.model.body import Biped
 from design.recordings import posture_checks
+from design.recordings.balance_board import PLACE, with_board
 from design.recordings.clock import Clock, clock
 from design.recordings.columns import Columns, assign
 from design.recordings.contact import FEWEST, Contact, contact
 from design.recordings.files import read_bytes, table_of
 from design.recordings.horizontal import CLEAR, against_cop
-from design.recordings.plates import Flags, Plate
+from design.recordings.plates import Flags, Plate, Quantity
 from design.recordings.reading import Reading
 from design.recordings.remarks import Remarks, Subject
 from design.recordings.remedies import Misfit
@@ -101,9 +102,12 @@ def open_record(path: str, how: Reading, biped: Biped, *, given: bool, target: f
 
 def recorded(table: Table, how: Reading, subject: Subject) -> Record:
     """The checked record in a ``table``."""
+    table, board = with_board(table)
     columns = assign(table, how)
     time = clock(table, columns, how)
-    return Trial(table=table, columns=columns, how=how, time=time, say=Remarks()).record(subject)
+    if not any(PLACE in plate.columns for plate in columns.plates):
+        board = []
+    return Trial(table=table, columns=columns, how=how, time=time, say=Remarks(assumed=board)).record(subject)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -140,7 +144,7 @@ class Trial:
         taken = {role: f"{quantity.columns} [{quantity.unit}]" for role, quantity in every.items()}
         horizontal = self._sampled(stood.horizontal, good)
         if horizontal is not None and theta is None:
-            horizontal = self._signed(horizontal, self._sampled(stood.cop, good), taken)
+            horizontal = self._signed(horizontal, self._sampled(stood.cop, good), stood.taken["fx"], taken)
         at_theta, omega = self._motion(theta, good)
         if theta is not None and stood.load is not None and not subject.given:
             say.assumed.append(
@@ -224,10 +228,9 @@ class Trial:
             _check_rates(slope, omega, names, self.table.origin)
         return at_theta, omega
 
-    def _signed(self, force: Array, cop: Array | None, taken: dict[str, str]) -> Array:
-        """The horizontal force (n,) with the sign of the force on the foot, which the CoP (n,) tells."""
-        label = taken["fx"].rpartition(" [")[0]
-        other = negated(label)
+    def _signed(self, force: Array, cop: Array | None, fx: Quantity, taken: dict[str, str]) -> Array:
+        """The horizontal ``force`` (n,) of ``fx`` with the sign of the force on the foot, which the CoP (n,) tells."""
+        label, other = fx.columns, negated(fx.option)
         selected = "fx" in self.columns.selected
         likeness = None if cop is None else against_cop(force, cop, self.time.rate)
         if likeness is not None and likeness > CLEAR:
@@ -241,10 +244,11 @@ class Trial:
                 f"{label} is the force on the plate: it moves with the CoP (correlation {likeness:.2f}); its sign was"
                 " turned"
             )
-            taken["fx"] = taken["fx"].replace(label, other, 1)
+            taken["fx"] = taken["fx"].replace(label, negated(label), 1)
             return -force
         if not selected and (likeness is None or likeness > -CLEAR):
             why = "the recording does not tell" if likeness is None else f"correlation with the CoP {likeness:.2f}"
+            why += ", and fx is turned with its plate" * (fx.option != label)
             self.say.assumed.append(
                 f"{label} is the ground's force on the foot, not the force on the plate ({why}); else give fx={other}"
             )

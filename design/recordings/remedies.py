@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from design.errors import BadInput
 from design.recordings.reading import Reading
 from design.recordings.selection import entries
+from design.recordings.units import unit_of
 
 DEPTH = 3
 """How many remedies, one after the other, are tried together."""
@@ -52,8 +53,9 @@ class Misfit(BadInput):
         for remedy in sorted(self.remedies, key=lambda remedy: remedy.last):
             if remedy.last and advice:
                 break
-            works = _working(read, apply(how, remedy), [how], trials)
-            if works is not None:
+            first = apply(how, remedy)
+            works = _working(read, first, [how], trials)
+            if works is not None and _keeps(works[0], first, remedy):
                 way, warnings = works
                 advice.setdefault(f"{spoken(how, way)}{remedy.when}", warnings)
         best = [text for text, warnings in advice.items() if warnings == min(advice.values())]
@@ -80,6 +82,12 @@ def _working(
         return None
 
 
+def _keeps(way: Reading, first: Reading, remedy: Remedy) -> bool:
+    """Whether ``way`` gives the roles of a ``remedy`` as ``first`` does: none that came later took them back."""
+    columns, own = entries(way.columns), entries(first.columns)
+    return all(columns.get(role, "").startswith(own[role]) for role in remedy.options if role in own)
+
+
 def apply(how: Reading, remedy: Remedy) -> Reading:
     """``how`` with the options of a ``remedy`` in place of its own."""
     columns = entries(how.columns)
@@ -89,13 +97,23 @@ def apply(how: Reading, remedy: Remedy) -> Reading:
             field = name.removeprefix("--").replace("-", "_")
             others[field] = {"rate": float, "resample": float, "allow_gaps": bool}.get(field, str)(value)
         elif value:
-            columns[name] = value
+            columns[name] = _in_unit(columns.get(name, ""), value)
         else:
             columns.pop(name, None)
     text = ",".join(f"{role}={value}" for role, value in columns.items()) or None
     if columns == entries(how.columns):
         text = how.columns
     return replace(how, columns=text, **others)  # type: ignore[arg-type]
+
+
+def _in_unit(before: str, value: str) -> str:
+    """The ``value`` of a role; where it is a unit of some of the columns ``before``, the unit of all of these."""
+    label, _, unit = value.rpartition(":")
+    former, _, old = before.rpartition(":")
+    former = former if unit_of(old) else before
+    if unit_of(unit) and set(label.split("+")) < set(former.split("+")):
+        return f"{former}:{unit}"
+    return value
 
 
 def spoken(before: Reading, after: Reading) -> str:

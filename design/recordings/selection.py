@@ -67,11 +67,12 @@ def parse(text: str | None, table: Table) -> dict[str, Selection | None]:
 
 def _selection(role: str, value: str, table: Table) -> Selection:
     unit: str | None = None
-    if _index(value, table) is None and ":" in value:
+    pieces = [value] if _index(value, table) is not None else _pieces(value, table)
+    if ":" in value and any(_index(piece.strip().removeprefix("-"), table) is None for piece in pieces):
         name, _, written = value.rpartition(":")
         unit = _unit(role, written)
         value = name.strip()
-    pieces = [value] if _index(value, table) is not None else _pieces(value, table)
+        pieces = [value] if _index(value, table) is not None else _pieces(value, table)
     parts = []
     for piece in pieces:
         name, sign = piece.strip(), 1

@@ -22,6 +22,8 @@ from design.recordings.remedies import Misfit, Remedy
 from design.recordings.table import Array, Table, check_cells, readable, unasked, unique
 
 CHUNK = 20_000
+SECTIONS = ("Devices", "Joints", "Model Outputs", "Segments", "Trajectories")
+"""The titles of the tables in a file by Vicon Nexus."""
 LONGEST = 1_000_000
 """Characters of the longest line that is split into cells."""
 
@@ -90,7 +92,7 @@ def text(content: bytes, path: str, how: Reading) -> Table:
 
 def _table(lines: Lines, encoding: list[str], path: str, how: Reading) -> Table:
     skipped = _skipped(how.skip_rows, len(lines), path)
-    filled = lines.filled(skipped)
+    filled, sections = _of_devices(lines, lines.filled(skipped))
     if not len(filled):
         message = "has no rows" + (f" after the {skipped} skipped ones" if skipped else "")
         raise BadInput(message, file=path)
@@ -108,7 +110,8 @@ def _table(lines: Lines, encoding: list[str], path: str, how: Reading) -> Table:
     names = names or [f"column {index}" for index in range(1, form.cells + 1)]
     check_cells(len(rows), form.cells, path)
     cut = _check_promise(header, len(rows), how, path)
-    detected = [*encoding, *cut, f"delimiter {WORDS.get(form.delimiter, repr(form.delimiter))}{sign}", *header.said]
+    detected = [*encoding, *sections, *cut, f"delimiter {WORDS.get(form.delimiter, repr(form.delimiter))}{sign}"]
+    detected += header.said
     detected.append(f"data from line {rows[0] + 1} on, {form.cells} columns")
 
     values = _values(form, lines, rows, how, path)
@@ -123,6 +126,24 @@ def _table(lines: Lines, encoding: list[str], path: str, how: Reading) -> Table:
         rate=header.rate, detected=tuple(detected),
         units=tuple(unit for _, unit in header.columns) if header.columns else (None,) * form.cells,
     )  # fmt: skip
+
+
+def _of_devices(lines: Lines, filled: NDArray[np.int32]) -> tuple[NDArray[np.int32], list[str]]:
+    """Of the ``filled`` lines those of the section of devices, where a file by Vicon Nexus has several; and a note."""
+    titles: dict[int, str] = {}
+    for title in SECTIONS:
+        place = lines.content.find(title.encode())
+        while place >= 0:
+            index = int(np.searchsorted(lines.starts, place, side="right")) - 1
+            if lines[index].strip(' ,;\t"').lower() == title.lower():
+                titles[index] = title
+            place = lines.content.find(title.encode(), int(lines.ends[index]))
+    first = next((index for index in sorted(titles) if titles[index] == SECTIONS[0]), None)
+    if first is None or len(titles) == 1:
+        return filled, []
+    last = min((index for index in titles if index > first), default=len(lines))
+    others = ", ".join(titles[index] for index in sorted(titles) if index != first)
+    return filled[(filled >= first) & (filled < last)], [f"section {SECTIONS[0]}, without {others}"]
 
 
 def _check_promise(header: Header, count: int, how: Reading, path: str) -> list[str]:

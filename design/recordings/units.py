@@ -51,8 +51,9 @@ def factor(unit: str, kind: Kind) -> float | None:
 
 
 def split(name: str) -> tuple[str, str | None]:
-    """A header's name without the unit in its brackets, and this unit: ``COPx [cm]`` -> (``COPx``, ``cm``)."""
-    found = bracketed(name)
+    """A header's name without the unit in its brackets or after its comma: ``COPx [cm]``, ``COPx,cm`` -> (COPx, cm)."""
+    label, comma, tail = name.rpartition(",")
+    found = (label.strip(), tail) if comma and label.strip() else bracketed(name)
     if found and (unit := unit_of(found[1])):
         return found[0], unit
     return name.strip(), None

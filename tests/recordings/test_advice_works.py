@@ -24,6 +24,9 @@ COPS = (COP - 0.02, COP + 0.02)
 LOADS = (SHARE * FZ, (1 - SHARE) * FZ)
 BOTH = SHARE * COPS[0] + (1 - SHARE) * COPS[1]
 NIL = 0 * T
+ALONG_Y = {f"{q}{a}{k}": (q == "COP") * (a == "y") * each for q in ("F", "COP") for a in "xy"
+           for k, each in enumerate((*COPS, NIL), start=1)}  # fmt: skip
+CORNERS = [FZ / 9.80665 * (1 + sign * COP / 0.119) / 4 for sign in (1, -1)]  # in kg, 238 mm apart
 
 
 def text(delimiter=",", **columns):
@@ -55,7 +58,7 @@ CASES = {
     "time in ms": (text(Time=1e3 * T, Fz=FZ, COPx=COP), {}, COP),
     "a hole in the stamps": (text(Time=UNEVEN, Fz=FZ, COPx=COP), {}, COP),
     "a cell of text": (re.sub(r"\n0\.5,[^,]*,", "\n0.5,abc,", text(Time=T, Fz=FZ, COPx=COP)), {}, COP),
-    "names that are not usual": (two(("left__Fvert", "left__CPap", "right__Fvert", "right__CPap")), {}, BOTH),
+    "names that are not usual": (two(("paretic__Fvert", "paretic__CPap", "other__Fvert", "other__CPap")), {}, BOTH),
     "an axis in names that are not usual ones": (two(("left__Fz", "left__COPx", "other__Fz", "other__COPx")), {}, BOTH),
     "the moment of one plate of two with the other sign": (
         two(My1=-LOADS[0] * COPS[0], My2=LOADS[1] * COPS[1]), {}, BOTH,
@@ -69,6 +72,28 @@ CASES = {
     ),
     "the wrong axis up": (text(Time=T, Fx=FX, Fy=NIL, Fz=FZ, COPx=COP), {"up": "y"}, COP),
     "two loads": (text(Time=T, Fz=FZ, GRFz=FZ / 2, COPx=COP), {}, COP),
+    "a moment in N mm on the plate": (text(Time=T, Fz=-FZ, My=1e3 * COP * FZ), {}, COP),
+    "a moment in N mm on the plate beside the CoP": (text(Time=T, Fz=-FZ, COPx=COP, My=1e3 * COP * FZ), {}, COP),
+    "a force in kN on the plate": (text(Time=T, Fz=-FZ / 1e3, My=COP * FZ), {}, COP),
+    "a moment in kN m": (text(Time=T, Fz=FZ, My=-1e-3 * COP * FZ), {}, COP),
+    "moments of two plates, on the plate": (
+        text(Time=T, Fz1=-LOADS[0], My1=LOADS[0] * COPS[0], Fz2=-LOADS[1], My2=LOADS[1] * COPS[1]), {}, BOTH,
+    ),
+    "moments of two plates in N mm, on the plate": (
+        text(Time=T, Fz1=-LOADS[0], My1=1e3 * LOADS[0] * COPS[0], Fz2=-LOADS[1], My2=1e3 * LOADS[1] * COPS[1]),
+        {}, BOTH,
+    ),
+    "forces in kN of two plates and an empty one, along y": (
+        text(Time=T, **ALONG_Y, Fz1=LOADS[0] / 1e3, Fz2=LOADS[1] / 1e3, Fz3=NIL),
+        {"columns": "fz=Fz1+Fz2+Fz3,cop=COPy1+COPy2+COPy3,fx=Fy1+Fy2+Fy3"}, BOTH,
+    ),
+    "CoPs in mm of two plates and an empty one, along y": (
+        text(Time=T, **{name: 1e3 * each for name, each in ALONG_Y.items()}, Fz1=LOADS[0], Fz2=LOADS[1], Fz3=NIL),
+        {"columns": "fz=Fz1+Fz2+Fz3,cop=COPy1+COPy2+COPy3,fx=Fy1+Fy2+Fy3"}, BOTH,
+    ),
+    "a board's corners without a unit": (
+        text(Time=T, TL=CORNERS[0], TR=CORNERS[0], BL=CORNERS[1], BR=CORNERS[1]), {}, COP,
+    ),
     "a load without CoP": (text(Time=T, Fz=FZ, Fz2=FZ, COPx=COP), {}, COP),
 }  # fmt: skip
 
@@ -156,7 +181,39 @@ def test_a_plate_is_turned_whole_or_what_was_not_turned_is_said(tmp_path):
         assert record.cop == pytest.approx(COP, abs=1e-6)
         assert record.horizontal == pytest.approx(FX, abs=1e-6)
         assert not record.warnings
+    path.write_text(text(Time=T, Fx=-FX, Fy=NIL, Fz=-FZ, Mx=-COP * FZ, COPy=COP))  # y forward: CoP = Mx / Fz
+    record = open_record(str(path), Reading(columns="fz=-Fz,my=Mx", forward="y"), BODY, given=True)
+    assert record.cop == pytest.approx(COP, abs=1e-6)
+    assert not record.warnings
+    path.write_text(text(Time=T, Fx=-FX, Fz=-FZ, My=COP * FZ))
     record = open_record(str(path), Reading(columns="fz=-Fz,my=My"), BODY, given=True)
     assert "my=My keeps its sign" in " ".join(record.warnings)
     record = open_record(str(path), Reading(columns="fz=-Fz,fx=Fx"), BODY, given=True)
     assert "fx=Fx keeps its sign" in " ".join(record.warnings)
+
+
+@pytest.mark.parametrize("sign", [1, -1], ids=["on the foot", "on the plate"])
+@pytest.mark.parametrize(
+    "names", [("Fx", "Fz", "COPx"), ("FP1:Fx", "FP1:Fz", "FP1:COPx", "FP2:Fx", "FP2:Fz", "FP2:COPx")]
+)
+@pytest.mark.parametrize("push", [FX, np.cos(2 * np.pi * T)], ids=["that the CoP tells", "that nothing tells"])
+@pytest.mark.parametrize("selected", [False, True])
+def test_the_sign_of_the_forward_force_that_is_proposed_turns_it(tmp_path, sign, names, push, selected):
+    one = (sign * push, sign * FZ, COP)
+    two = (sign * 0.3 * push, sign * LOADS[0], COP, sign * 0.7 * push, sign * LOADS[1], COP)
+    path = tmp_path / "trial.csv"
+    columns = dict(zip(names, one if len(names) == 3 else two, strict=True))
+    path.write_text(",".join(["Time", *names]) + "\n" + text(Time=T, **columns).partition("\n")[2])
+    wrong = "fx=" + "+".join(f"-{name}" for name in names if "Fx" in name)
+    how = Reading(columns=wrong if selected else None)
+    record = open_record(str(path), how, BODY, given=True)
+    told = push is FX
+    said = [*record.warnings, *record.assumed]
+    proposed = [each[1] for line in said if (each := re.search(r"(?:be|give) (fx=[^?]+)", line))]
+    assert len(proposed) == (selected if told else not selected)
+    for columns in proposed:
+        other = open_record(str(path), replace(how, columns=columns), BODY, given=True)
+        assert other.horizontal == pytest.approx(-record.horizontal, abs=1e-9)
+        assert not other.warnings
+    if told and not selected:
+        assert record.horizontal == pytest.approx(FX, abs=1e-6)

@@ -59,12 +59,39 @@ OPENSIM = MOT + "\t".join(["time", *ONE, *(f"ground_torque_{a}" for a in "xyz")]
 OPENSIM_COLUMNS = [T, FX, FZ, FY, COP, NIL, 0.1 + NIL, NIL, NIL, NIL]
 
 
+TRAJECTORIES = "Trajectories\n100\n,,LANK,,\nFrame,Sub Frame,X,Y,Z\n,,mm,mm,mm\n" + 30 * "1,0,400.5,100.25,80.5\n"
+VISUAL3D = "\n".join(
+    "\t".join([name, *cells]) for name, cells in (
+        ("", 6 * ["trial.c3d"]), ("", 6 * ["FP1"]), ("", 3 * ["FORCE"] + 3 * ["COFP"]), ("", 6 * ["ORIGINAL"]),
+        ("ITEM", list("XYZXYZ")),
+    )
+) + "\n"  # fmt: skip
+NORAXON = 'Type:,MR3\n\n"Time,s","Marker","Force Plate 1 Fx,N","Force Plate 1 Fz,N","Force Plate 1 COP x,mm"\n'
+
+
 def spelled(pattern):
     return "".join(pattern.format(a, b, c) for a, b, c in zip(T, FZ, COP, strict=True))
 
 
 EXPORTS = {
     "Vicon, on the plate, mm": (VICON + rows(VICON_COLUMNS), {}, 1000),
+    "Vicon, with trajectories below": (VICON + rows(VICON_COLUMNS) + "\n" + TRAJECTORIES, {}, 1000),
+    "Vicon, with its titles in quotes": (
+        (VICON + rows(VICON_COLUMNS) + "\n" + TRAJECTORIES).replace("Devices", '"Devices"').replace("Tr", '"Tr', 1)
+        .replace("ies\n", 'ies"\n', 1), {}, 1000,
+    ),
+    "Vicon, with trajectories above": (TRAJECTORIES + "\n" + VICON + rows(VICON_COLUMNS), {}, 1000),
+    "Visual3D": (
+        VISUAL3D + rows([1 + np.arange(N), FX, FY, FZ, COP, 0.03 + NIL, NIL], "\t"), {"rate": 100.0}, 100
+    ),
+    "Noraxon": (NORAXON + rows([T, NIL, FX, FZ, 1e3 * COP]), {}, 100),
+    "a balance board's weight": ("time,weight_kg,COPx_cm\n" + rows([T, FZ / 9.80665, 100 * COP]), {}, 100),
+    "a balance board's corners": (
+        "time,TopLeft_kg,TopRight_kg,BottomLeft_kg,BottomRight_kg\n"
+        + rows([T, *(FZ / 9.80665 * (share + sign * COP / 0.476) for share, sign in zip(
+            (0.2, 0.3, 0.3, 0.2), (1, 1, -1, -1), strict=True
+        ))]), {}, 100,
+    ),
     "Kistler BioWare": (KISTLER + rows(KISTLER_COLUMNS, "\t"), {}, 100),
     "Kistler BioWare, decimal comma": (KISTLER + rows(KISTLER_COLUMNS, "\t", ","), {}, 100),
     "Qualisys, unit given": (QUALISYS + rows(QUALISYS_COLUMNS, "\t"), {"columns": "cop=COP_X:mm"}, 100),
@@ -144,6 +171,10 @@ def test_numpy_files_are_read(tmp_path):
             lambda out: np.savez_compressed(out, data=np.column_stack([T, FZ, COP]), names=["t", "Fz [N]", "Cx"]),
         ),
         ("c.npz", lambda out: np.savez(out, fs=100.0, Fz=FZ, COPx=COP)),
+        (
+            "vectors.npz",
+            lambda out: np.savez(out, time=T, force=np.column_stack([FX, FY, FZ]), cop=np.column_stack([COP, NIL])),
+        ),
         ("d.npy", lambda out: np.save(out, np.array(list(zip(T, FZ, COP, strict=True)), dtype="f8,f8,f8"))),
     ):
         out = io.BytesIO()
@@ -204,6 +235,14 @@ def test_a_c3d_file_without_plates_or_cut_off_is_refused(tmp_path):
     ("name", "known"),
     [
         ("GRFNET_Y", Known(kind="force", axis="y", tag="net")),
+        ("F1X", Known(kind="force", axis="x", tag="1")),
+        ("GRF_left_z", Known(kind="force", axis="z", tag="l")),
+        ("FP2.ForY", Known(kind="force", axis="y", tag="2")),
+        ("Fz (plate 1)", Known(kind="force", axis="z", tag="1")),
+        ("Vertical force 2", Known(role="fz", tag="2")),
+        ("left AP force", Known(role="fx", tag="l")),
+        ("C7X", None),
+        ("M1X", None),
         ("R.Ankle_X", Known(kind="ankle", axis="x", tag="r")),
         ("ground_force_1_vy", Known(kind="force", axis="y", tag="1")),
         ("1_ground_force_px", Known(kind="cop", axis="x", tag="1")),

@@ -256,26 +256,45 @@ def test_without_the_reader_of_spreadsheets_the_install_line_is_shown(monkeypatc
         table_of(out.getvalue(), "trial.xlsx", Reading())
 
 
+@pytest.mark.parametrize("drift", [0.0, 30.0])
+@pytest.mark.parametrize("step", [0.02, 0.005])
+def test_the_load_of_one_foot_is_told_from_a_body_without_a_spec(tmp_path, drift, step):
+    t = np.arange(0, 40, step)
+    height = 0.1 * np.sin(2 * np.pi * 0.3 * t)  # a body that bends its knees: m (g + y'')
+    body = 70 * (9.81 - (2 * np.pi * 0.3) ** 2 * height) + drift * t / t[-1] + 2 * np.sin(40 * t)
+    foot = body * (0.5 + 0.04 * np.sin(2 * np.pi * 0.12 * t))
+    for load, warns in ((body, False), (foot, True)):
+        path = tmp_path / "trial.csv"
+        rows = zip(t, load, 0.05 + 0.01 * np.sin(t), strict=True)
+        path.write_text("Time,Fz,COPx\n" + "\n".join(f"{a:.4f},{b:.5f},{c:.6f}" for a, b, c in rows))
+        found = open_record(str(path), Reading(), BODY, given=False)
+        assert any("one foot of two" in each for each in found.warnings) == warns
+
+
 @pytest.mark.slow
 def test_an_hour_at_a_thousand_hertz_takes_half_a_gigabyte(tmp_path):
     pytest.importorskip("resource", reason="not a Unix")
     path = tmp_path / "hour.csv"
     with path.open("w") as file:
-        file.write("Time [s],Fz [N],COPx [m]\n")
+        file.write("Time [s],Fx [N],Fz [N],COPx [m]\n")
         for first in range(0, 3_600_000, 100_000):
             t = np.arange(first, first + 100_000) / 1000
             file.write(
                 "\n".join(
-                    f"{a:.3f},{b:.8f},{c:.10f}" for a, b, c in zip(t, 687 + np.sin(t), 0.01 * np.cos(t), strict=True)
+                    f"{a:.3f},{c:.6f},{b:.8f},{c:.8f}"
+                    for a, b, c in zip(t, 687 + np.sin(t), 0.01 * np.cos(t), strict=True)
                 )
             )
             file.write("\n")
     program = (
-        "import resource, sys; import cli; sys.argv = ['poise', 'estimate', sys.argv[1]]\n"
+        "import resource, sys; import cli\n"
+        "sys.argv = ['poise', 'estimate', sys.argv[1], '--format', 'csv', '-o', sys.argv[2]]\n"
         "try: cli.main()\n"
         "finally: print('peak', resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
     )
     root = Path(__file__).parents[2]
-    ended = subprocess.run([sys.executable, "-c", program, path], capture_output=True, text=True, cwd=root, check=False)
-    assert "3,600,000 samples" in ended.stdout, ended.stderr
+    command = [sys.executable, "-c", program, path, tmp_path / "out.csv"]
+    ended = subprocess.run(command, capture_output=True, text=True, cwd=root, check=False)
+    with (tmp_path / "out.csv").open("rb") as written:
+        assert sum(1 for _ in written) == 3_600_001, ended.stderr
     assert int(ended.stdout.rpartition("peak ")[2]) < 500_000  # kB

@@ -306,13 +306,6 @@ class Spec(Table):
                 f" heel) and less than {toe:g} (the toe)"
             )
             raise ValueError(message)
-        total = sum(scenario.duration_s for scenario in self.scenarios) / self.simulation.time_step_s
-        if total > MAX_TOTAL_STEPS:
-            message = (
-                f"scenarios need {total:.3g} steps of simulation.time_step_s together; at most {MAX_TOTAL_STEPS:,};"
-                " shorten or split the spec, or lengthen the step"
-            )
-            raise ValueError(message)
         for index, scenario in enumerate(self.scenarios):
             steps = scenario.duration_s / self.simulation.time_step_s
             if steps > MAX_STEPS:
@@ -321,6 +314,13 @@ class Spec(Table):
                     " shorten duration_s or lengthen the step"
                 )
                 raise ValueError(message)
+        total = sum(scenario.duration_s for scenario in self.scenarios) / self.simulation.time_step_s
+        if total > MAX_TOTAL_STEPS:
+            message = (
+                f"scenarios need {total:.3g} steps of simulation.time_step_s together; at most {MAX_TOTAL_STEPS:,};"
+                " shorten or split the spec, or lengthen the step"
+            )
+            raise ValueError(message)
         return self
 
 

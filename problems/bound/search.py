@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.analysis.synthesis import Synthesis
+from design.deadline import OutOfTime
 from design.deadline import deadline as limited
 from design.errors import BadInput
 from design.model.laws import Gains
@@ -75,9 +76,14 @@ def _bracket_of(setting: Setting, synthesis: Synthesis, begun: float, seconds: f
         if exact.bound <= target_of(best, gap) * (1 + 1e-12):
             return _bracket(question, goal, keeper, exact, exact, gap, courses=False)
     say("bounding by the trajectories")
-    test = Exclusion(question, goal, Course(Grid(question, question.coarse_step, goal)))
-    root = test.root(question, math.inf if exact is None else exact.bound)
-    found = branch(test, root, best, gap, begun + seconds, keeper.improve, keeper.say)
+    most = math.inf if exact is None else exact.bound
+    try:
+        test = Exclusion(question, goal, Course(Grid(question, question.coarse_step, goal)))
+        root = test.root(question, most)
+        found = branch(test, root, best, gap, begun + seconds, keeper.improve, keeper.say)
+    except OutOfTime:  # before the first trajectory
+        root = Exclusion(question, goal, None).root(question, most)
+        found = Searched(bound=most, best=best, looked=1, courses=0, left=root)
     return _bracket(question, goal, keeper, found, exact, gap, courses=True)
 
 

@@ -84,8 +84,8 @@ def canvas(width: float, height: float, rows: int = 1, columns: int = 1, *, shar
 
 
 def heading(ax: Axes, text: str) -> None:
-    """A title just above the axes, at a place that need not be sought."""
-    ax.set_title(text, fontsize=9, y=1.0)
+    """A title just above the axes, at a place that need not be sought; a dollar sign of a file's name is one."""
+    ax.set_title(text, fontsize=9, y=1.0, parse_math=False)
 
 
 def plain(ax: Axes) -> None:

@@ -21,7 +21,7 @@ from design.present.explain import explain, pages
 from design.present.html import as_html
 from design.present.report import Report, as_json, as_junit, as_markdown, as_text, binding, comparison
 from design.present.store import dumps
-from design.present.text import painter
+from design.present.text import Style, painter
 from design.spec.load import load, parse
 from design.spec.setting import setting
 
@@ -33,7 +33,7 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 
 def _report(problem=None, gains=PAPER, source=SOURCE, extent="all"):
     problem = problem or setting(source.spec)
-    return Report(source=source, setting=problem, gains=gains, verdict=judge(problem, gains, extent))
+    return Report(source=source, setting=problem, gains=gains, verdict=judge(problem, gains, extent, drawn=True))
 
 
 PAPER_REPORT = _report()
@@ -74,9 +74,9 @@ def test_no_color_is_respected_on_a_terminal(monkeypatch):
 
     monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
     monkeypatch.delenv("NO_COLOR", raising=False)
-    assert "\033" in terminal.painter_for_output()("x", "bad")
+    assert "\033" in terminal.painter_for_output()("x", Style.BAD)
     monkeypatch.setenv("NO_COLOR", "1")
-    assert terminal.painter_for_output()("x", "bad") == "x"
+    assert terminal.painter_for_output()("x", Style.BAD) == "x"
 
 
 def test_a_broken_soft_requirement_is_shown_and_fails_nothing():

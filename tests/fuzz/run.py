@@ -234,13 +234,15 @@ def main() -> None:
     shutil.rmtree(asked.keep, ignore_errors=True)
     asked.keep.mkdir()
     counts, slowest, largest = Counter[str](), 0.0, 0.0
-    for number, each, found, spent, memory in tried(asked.count, asked.seed):
-        counts["failed" if found else "sound"] += 1
-        slowest, largest = max(slowest, spent), max(largest, memory)
-        if found:
-            (asked.keep / f"{asked.seed}-{number}.json").write_text(stored(each))
-            print(number, each.arguments[0], "; ".join(found), flush=True)  # noqa: T201
-    print(f"{dict(counts)}, slowest {slowest:.1f} s, most memory {largest:.0f} MB")  # noqa: T201
+    try:
+        for number, each, found, spent, memory in tried(asked.count, asked.seed):
+            counts["failed" if found else "sound"] += 1
+            slowest, largest = max(slowest, spent), max(largest, memory)
+            if found:
+                (asked.keep / f"{asked.seed}-{number}.json").write_text(stored(each))
+                print(number, each.arguments[0], "; ".join(found), flush=True)  # noqa: T201
+    finally:
+        print(f"{dict(counts)}, slowest {slowest:.1f} s, most memory {largest:.0f} MB")  # noqa: T201
 
 
 if __name__ == "__main__":

@@ -13,6 +13,11 @@ Each stores its facts; the sentence is made from them.
 from __future__ import annotations
 
 
+def one_line(text: str) -> str:
+    """``text`` in one line, with what cannot be printed written out."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in " ".join(text.split()))
+
+
 class PoiseError(Exception):
     """Base of the errors that Poise raises on purpose; ``str()`` is one line for the user."""
 
@@ -28,8 +33,7 @@ class BadInput(PoiseError):
         self.message, self.file, self.key, self.others = message, file, key, others
         where = ": ".join(part for part in (file, key) if part)
         more = f" (and {others} more problem{'s' * (others > 1)} in this file)" if others else ""
-        line = " ".join(f"{where}: {message}{more}".removeprefix(": ").split())
-        super().__init__("".join(c if c.isprintable() else repr(c)[1:-1] for c in line))
+        super().__init__(one_line(f"{where}: {message}{more}".removeprefix(": ")))
 
 
 class Infrastructure(PoiseError):

@@ -61,7 +61,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Verdict:
-    """All rows of one design, and the runs and series that they were read from."""
+    """All rows of one design, and, where they are to be drawn, the runs and series that they were read from."""
 
     rows: tuple[Row, ...]
     trajectories: tuple[Trajectory, ...]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from design import deadline
 from design.analysis.estimate import static_estimate
-from design.analysis.slabs import SLAB, mapped, marched
+from design.analysis.slabs import mapped
 from design.model.closed_loop import ClosedLoop
 from design.model.environment import Scenario, Steps
 from design.model.laws import Gains
@@ -61,31 +61,44 @@ class Trajectory:
         return float(self.t[first]), "toe" if self.F_T[first] < 0 else "heel"
 
 
-@lru_cache(maxsize=64)
-def _runner(loop: ClosedLoop, scenario: Scenario, step: float) -> tuple[Steps, ca.Function]:
-    """The samples, and a function (K, s at t = 0) -> z, tau, F_T, F_H at all of them (n + 3, N+1).
+MARCH = 2000
+"""Steps that are marched in one call: memory for more buys no speed."""
 
-    Built once with the scenario inside: CasADi does not give back what it builds, and handing it large arrays at every
-    call takes longer than the run.
+
+@lru_cache(maxsize=32)
+def _march(loop: ClosedLoop, count: int) -> ca.Function:
+    """(z (n), u (7, count), F (2, count) after each step, K (3)) -> z, tau, F_T, F_H after each step (n + 3, count)."""
+    z, u, F, K = ca.MX.sym("z", loop.size), ca.MX.sym("u", 7, count), ca.MX.sym("F", 2, count), ca.MX.sym("K", 3)
+    gains = ca.repmat(K, 1, count)
+    after = loop.march(count)(z, u, gains)
+    return ca.Function("march", [z, u, F, K], [ca.vertcat(after, loop.readout.map(count)(after, F, gains))])
+
+
+def _marched(loop: ClosedLoop, scenario: Scenario, steps: Steps, gains: Gains, s0: float) -> Array:
+    """z, tau, F_T, F_H at all samples (n + 3, N+1), or up to a fall and some samples on.
+
+    In blocks of one size; the last is filled up with steps of no length, which are left out. Raises ``OutOfTime``
+    between two blocks if the deadline has passed.
     """
-    steps = scenario.steps(step)
     count = len(steps.h)
-    K, s0 = ca.MX.sym("K", 3), ca.MX.sym("s0")
-    z0 = ca.vertcat(*loop.start(scenario.theta0, scenario.omega0, s0))
-    inputs = ca.DM(np.vstack([steps.h, steps.start, steps.middle, steps.end]))
-    z = ca.horzcat(z0, loop.march(count)(z0, inputs, ca.repmat(K, 1, count)))
-    y = loop.readout.map(count + 1)(z, ca.DM(steps.force), ca.repmat(K, 1, count + 1))
-    return steps, ca.Function("run", [K, s0], [ca.vertcat(z, y)])
-
-
-def _in_slabs(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0: float) -> tuple[Steps, Array]:
-    """The same for many samples, of which nothing is kept."""
-    steps = scenario.steps(step)
-    deadline.check()
-    start = np.array(loop.start(scenario.theta0, scenario.omega0, s0), dtype=float)
-    z = marched(loop.step, start, steps, np.array(gains))
-    K = np.broadcast_to(np.array(gains)[:, None], (3, z.shape[1]))
-    return steps, np.vstack([z, mapped(loop.readout, [z, steps.force, K])])
+    block = min(MARCH, -(-count // 250) * 250)
+    march, n, K = _march(loop, block), loop.size, ca.DM(gains)
+    found = np.empty((n + 3, count + 1))
+    found[:n, 0] = loop.start(scenario.theta0, scenario.omega0, s0)
+    found[n:, 0] = loop.readout(found[:n, 0], steps.force[:, 0], K).full()[:, 0]
+    for begin in range(0, count, block):
+        deadline.check()
+        end = min(begin + block, count)
+        u, F = np.zeros((7, block)), np.zeros((2, block))
+        within = np.s_[begin:end]
+        u[:, : end - begin] = np.vstack(
+            [steps.h[within], steps.start[:, within], steps.middle[:, within], steps.end[:, within]]
+        )
+        F[:, : end - begin] = steps.force[:, begin + 1 : end + 1]
+        found[:, begin + 1 : end + 1] = march(found[:n, begin], u, F, K).full()[:, : end - begin]
+        if not np.abs(found[0, end]) < FALLEN:
+            return found[:, : end + 1]
+    return found
 
 
 def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0: float = 0.0) -> Trajectory:
@@ -94,12 +107,8 @@ def simulate(loop: ClosedLoop, scenario: Scenario, gains: Gains, step: float, s0
     ``s0`` is the law's integral at t = 0, in the unit of its kind (N s, or m s for ``cop``). Raises ``OutOfTime`` where
     a deadline is set and has passed.
     """
-    deadline.check()
-    if scenario.duration / step > SLAB:
-        steps, found = _in_slabs(loop, scenario, gains, step, s0)
-    else:
-        steps, run = _runner(loop, scenario, step)
-        found = run(ca.DM(gains), s0).full()
+    steps = scenario.steps(step)
+    found = _marched(loop, scenario, steps, gains, s0)
     upright = np.all(np.isfinite(found), axis=0) & (np.abs(found[0]) < FALLEN)
     fallen = None
     if not upright.all():

@@ -42,12 +42,18 @@ NOTHING_STANDS = "where the force leaves no weight to speak of, no posture has i
 
 
 def judge(
-    setting: Setting, gains: Gains, extent: Literal["required", "all"] = "required", also: Sequence[str] = ()
+    setting: Setting,
+    gains: Gains,
+    extent: Literal["required", "all"] = "required",
+    also: Sequence[str] = (),
+    *,
+    drawn: bool = False,
 ) -> Verdict:
     """Check ``gains`` against every requirement of ``setting`` in every scenario.
 
     ``all`` adds what the spec does not require: transients, loop margins, and the distance from the physical limit;
-    ``also`` those kinds of row that hold one of these ids.
+    ``also`` those kinds of row that hold one of these ids. Runs and series are kept only to be ``drawn``: a thousand
+    scenarios would fill the memory.
     """
     everything = extent == "all"
 
@@ -66,13 +72,15 @@ def judge(
         here = instability(stability)
         unstable = unstable or here
         trajectory = simulate(loop, scenario, gains, setting.step)
-        trajectories.append(trajectory)
+        if drawn:
+            trajectories.append(trajectory)
         distrust = coarse_step(loop, scenario, gains, setting.step)
         bounds = limits(loop.plant, setting.required, field=scenario.field)
         found = components(bounds, trajectory)
         for limit, quantity in zip(bounds, found, strict=True):
             rows.append(limit_row(limit, quantity, trajectory, distrust))
-            series.append(_series(limit, quantity, trajectory))
+            if drawn:
+                series.append(_series(limit, quantity, trajectory))
         if wanted(RUN_IDS):
             rows += run_rows(world, loop, scenario, gains, trajectory, distrust, here)
     if wanted(LINEAR_IDS):

@@ -53,8 +53,9 @@ def judged(
     beside: Report | None = None,
     record: str | None = None,
     how: Reading | None = None,
+    drawn: bool = False,
 ) -> Report:
-    """The report on a spec or design; ``beside`` another it is judged by that one's specification.
+    """The report on a spec or design, to be ``drawn`` or not; ``beside`` another it is judged by that one's spec.
 
     With a ``record``, a file that is read as ``how`` says, the measured trial is judged and no run.
     """
@@ -76,7 +77,7 @@ def judged(
     if beside is not None:
         source, problem = beside.source, beside.setting.with_law(problem.law, its)
         its = problem.given_gains()
-    verdict = judge(problem, its, "all")
+    verdict = judge(problem, its, "all", drawn=drawn)
     remarks = _physical_limits(problem, verdict)
     return Report(source=source, setting=problem, gains=its, verdict=verdict, remarks=remarks)
 

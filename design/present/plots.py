@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,8 +85,8 @@ def canvas(width: float, height: float, rows: int = 1, columns: int = 1, *, shar
 
 
 def heading(ax: Axes, text: str) -> None:
-    """A title just above the axes, at a place that need not be sought."""
-    ax.set_title(text, fontsize=9, y=1.0)
+    """A title just above the axes, at a place that need not be sought; a dollar sign of a file's name is one."""
+    ax.set_title(text, fontsize=9, y=1.0, parse_math=False)
 
 
 def plain(ax: Axes) -> None:
@@ -101,7 +102,7 @@ def run_figure(runs: Sequence[Trajectory], foot: Biped, title: str) -> Figure:
     figure, grid = canvas(max(6.4, 4.6 * len(runs)), 11.0, 5, len(runs), sharex="col")
     if title:
         figure.suptitle(title, fontsize=10, y=1 - 0.06 / 11.0)
-    for column, run in enumerate(runs):
+    for column, run in enumerate(map(thinned, runs)):
         axes = grid[:, column]
         _angle(axes[0], run)
         _contact(axes[1], run)
@@ -114,6 +115,25 @@ def run_figure(runs: Sequence[Trajectory], foot: Biped, title: str) -> Figure:
             ax.margins(x=0)
             plain(ax)
     return figure
+
+
+def thinned(run: Trajectory, most: int = 20_000) -> Trajectory:
+    """``run`` with about ``most`` samples: both ends of every stretch, and where each quantity is extreme in it."""
+    quantities = (run.theta, run.F_T, run.F_H, run.tau, run.P)
+    stretch = -(-len(run.t) * (2 * len(quantities) + 2) // most)
+    if len(run.t) <= most:
+        return run
+    whole = len(run.t) // stretch * stretch
+    begins = np.arange(0, whole, stretch)
+    kept = [begins, begins + stretch - 1, np.arange(whole, len(run.t))]
+    for values in quantities:
+        blocks = values[:whole].reshape(-1, stretch)
+        kept += [begins + blocks.argmin(axis=1), begins + blocks.argmax(axis=1)]
+    at = np.unique(np.concatenate(kept))
+    arrays: dict[str, Any] = {
+        part.name: value[..., at] for part in fields(run) if isinstance(value := getattr(run, part.name), np.ndarray)
+    }
+    return replace(run, **arrays)
 
 
 def _angle(ax: Axes, run: Trajectory) -> None:

@@ -42,7 +42,7 @@ def render(
             from design.present.recording import check_apart
 
             check_apart(record, spec, {"-o": output})
-        one = opening.judged(spec, law, gains, strict=strict, record=record, how=how)
+        one = opening.judged(spec, law, gains, strict=strict, record=record, how=how, drawn=form == "html")
         if prove is not None:
             one = opening.proved(one, prove)
         other = opening.judged(against, strict=strict, beside=one) if against else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,9 @@ from design.analysis.estimate import Signals, at_rest, dynamic, evenly, static
 from design.analysis.simulate import Trajectory, simulate
 from design.analysis.verdict import coarse_step
 from design.errors import BadInput
-from design.model.laws import LawKind
+from design.model.laws import Gains, LawKind
 from design.present import opening, plots, store, terminal, text
+from design.spec.load import Source
 from design.spec.setting import Setting
 
 MOST = 20_000
@@ -32,8 +34,11 @@ def render(
     output: str | None,
     *,
     strict: bool = False,
-) -> str:
-    """Run the closed loop through every scenario, or one, in a ``form``: text, csv or json; draw what is asked for."""
+) -> Iterator[str]:
+    """Run the closed loop through every scenario, or one, in a ``form``: text, csv or json; draw what is asked for.
+
+    The parts of the text; each scenario is run when its turn comes, and runs are kept for pictures only.
+    """
     source, problem = opening.opened(reference, law, gains, strict=strict)
     picture = plots.format_of(plot) if plot else None
     if animate:
@@ -41,36 +46,42 @@ def render(
     store.check_writable(plot, animate, output)
     chosen = problem.scenarios if scenario is None else (problem.scenario(scenario),)
     its = problem.given_gains()
-    loops = [problem.under(each).loop() for each in chosen]
-    runs = [simulate(loop, each, its, problem.step) for loop, each in zip(loops, chosen, strict=True)]
-    coarse = [coarse_step(loop, each, its, problem.step) for loop, each in zip(loops, chosen, strict=True)]
-    for why in filter(None, coarse):
+    coarse = {each.name: coarse_step(problem.under(each).loop(), each, its, problem.step) for each in chosen}
+    for why in filter(None, coarse.values()):
         terminal.note(f"warning: do not trust these numbers: {why}")
-    if form == "csv":
-        result = text.csv_text(runs)
-    elif form == "json":
-        facts = store.runs_json(problem.law, its, runs)
-        for each, run, why in zip(facts["scenarios"], runs, coarse, strict=True):
-            each["estimates"] = estimates(problem, run)
-            each["too_coarse"] = why or None
-        result = store.dumps(store.document("simulate", source, **facts))
-    else:
-        head = f"{source.spec.name}, law {problem.law}, {text.gains_line(its, problem.law)}"
-        if math.isfinite(problem.adapt):
-            head += f", desired angle adapts within {problem.adapt:g} s"
-        told = [
-            [*text.trajectory_lines(run, why), *([] if why else _estimate_lines(estimates(problem, run)))]
-            for run, why in zip(runs, coarse, strict=True)
-        ]
-        result = "\n".join([head, *(line for lines in told for line in lines)]) + "\n"
+    runs: Iterable[Trajectory] = (simulate(problem.under(each).loop(), each, its, problem.step) for each in chosen)
+    if picture or animate:
+        runs = list(runs)
     if plot and picture:
-        figure = plots.run_figure(runs, problem.biped, f"{source.spec.name}: {text.gains_line(its, problem.law)}")
+        figure = plots.run_figure(list(runs), problem.biped, f"{source.spec.name}: {text.gains_line(its, problem.law)}")
         store.write(plot, plots.figure_bytes(figure, picture))
     if animate:
         from design.present.animation import gif_bytes
 
-        store.write(animate, gif_bytes(problem.biped, runs[0]))
-    return result
+        store.write(animate, gif_bytes(problem.biped, next(iter(runs))))
+    if form == "csv":
+        return text.csv_parts(runs, several=len(chosen) > 1)
+    if form == "json":
+        scenarios = (
+            store.run_json(run) | {"estimates": estimates(problem, run), "too_coarse": coarse[run.scenario] or None}
+            for run in runs
+        )
+        facts = {"law": problem.law, "gains": store.gains_json(its), "scenarios": scenarios}
+        return store.streamed(store.document("simulate", source, status="simulated", **facts))
+    return _lines(source, problem, its, runs, coarse)
+
+
+def _lines(
+    source: Source, problem: Setting, gains: Gains, runs: Iterable[Trajectory], coarse: Mapping[str, str]
+) -> Iterator[str]:
+    head = f"{source.spec.name}, law {problem.law}, {text.gains_line(gains, problem.law)}"
+    if math.isfinite(problem.adapt):
+        head += f", desired angle adapts within {problem.adapt:g} s"
+    yield head + "\n"
+    for run in runs:
+        why = coarse[run.scenario]
+        lines = [*text.trajectory_lines(run, why), *([] if why else _estimate_lines(estimates(problem, run)))]
+        yield "\n".join(lines) + "\n"
 
 
 def estimates(problem: Setting, run: Trajectory) -> dict[str, Any] | None:

@@ -13,7 +13,7 @@ import os
 import platform
 import stat
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
@@ -94,22 +94,17 @@ def record_json(record: Record) -> dict[str, Any]:
     }
 
 
-def runs_json(law: str, gains: Gains, runs: Sequence[Trajectory]) -> dict[str, Any]:
-    """The runs of ``simulate``: what each comes to, and its samples by column."""
-    found = []
-    for run in runs:
-        lost = run.lost_contact
-        found.append(
-            {
-                "name": run.scenario,
-                "toe_force_n": _least(run.t, run.F_T),
-                "heel_force_n": _least(run.t, run.F_H),
-                "lost_contact": None if lost is None else {"time_s": lost[0], "at": lost[1]},
-                "fallen_s": run.fallen,
-                "samples": columns(run),
-            }
-        )
-    return {"status": "simulated", "law": law, "gains": gains_json(gains), "scenarios": found}
+def run_json(run: Trajectory) -> dict[str, Any]:
+    """A run of ``simulate``: what it comes to, and its samples by column."""
+    lost = run.lost_contact
+    return {
+        "name": run.scenario,
+        "toe_force_n": _least(run.t, run.F_T),
+        "heel_force_n": _least(run.t, run.F_H),
+        "lost_contact": None if lost is None else {"time_s": lost[0], "at": lost[1]},
+        "fallen_s": run.fallen,
+        "samples": columns(run),
+    }
 
 
 def _least(t: np.ndarray, force: np.ndarray) -> dict[str, float]:
@@ -119,30 +114,61 @@ def _least(t: np.ndarray, force: np.ndarray) -> dict[str, float]:
 
 def dumps(document: Mapping[str, Any]) -> str:
     """JSON text of ``document``; numpy arrays become lists, and what is not finite becomes null."""
-    return json.dumps(_plain(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return "".join(streamed(document))
 
 
-def _plain(value: Any) -> Any:
+def streamed(document: Mapping[str, Any]) -> Iterator[str]:
+    """The text of ``dumps`` in parts; lists may be iterators, whose items are made and written one by one."""
+    yield from _parts(document, "\n")
+    yield "\n"
+
+
+BLOCK = 10_000
+"""Samples that become text at once."""
+
+
+def _parts(value: Any, line: str) -> Iterator[str]:
+    """JSON of ``value``; ``line`` begins a line of its depth."""
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and not value.ndim):
+        value = value.item()
+    inner, mark = line + " ", ""
     if isinstance(value, Mapping):
-        return {str(key): _plain(part) for key, part in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+        yield "{"
+        for key, part in value.items():
+            yield f"{mark}{inner}{json.dumps(str(key), ensure_ascii=False)}: "
+            yield from _parts(part, inner)
+            mark = ","
+        yield line + "}" if mark else "}"
+    elif isinstance(value, np.ndarray) and value.ndim == 1:
+        yield "["
+        for begin in range(0, len(value), BLOCK):
+            yield mark + inner + f",{inner}".join(_scalar(part) for part in value[begin : begin + BLOCK].tolist())
+            mark = ","
+        yield line + "]" if mark else "]"
+    elif isinstance(value, list | tuple | np.ndarray | Iterator):
+        yield "["
+        for part in value:
+            yield mark + inner
+            yield from _parts(part, inner)
+            mark = ","
+        yield line + "]" if mark else "]"
+    else:
+        yield _scalar(value)
+
+
+def _scalar(value: Any) -> str:
+    if isinstance(value, float):
+        return float.__repr__(value) if math.isfinite(value) else "null"
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def write(path: str | Path, content: str | bytes | Iterable[str]) -> None:
-    """Write ``content``, or its parts one by one, to ``path``: whole or not at all.
+    """Write ``content`` to ``path`` whole or not at all; raises ``BadInput`` if it cannot be written.
 
-    A pipe or a device is written through, not replaced. Raises ``BadInput`` if it cannot be written.
+    A pipe or a device is written through, not replaced. Of the bytes of a file's name that are no text stays an escape.
     """
     parts = [content] if isinstance(content, str | bytes) else content
-    data = (part.encode() if isinstance(part, str) else part for part in parts)
+    data = (part if isinstance(part, bytes) else part.encode(errors="backslashreplace") for part in parts)
     target = Path(path)
     try:
         if target.exists() and not target.is_file() and not target.is_dir():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import multiprocessing
 import os
+import re
 import signal
 import sys
 import threading
@@ -22,10 +23,26 @@ if TYPE_CHECKING:  # NumPy waits until there is something to paint
     from design.present.text import Paint
 
 
-def out(text: str) -> None:
+OBEYED = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
+"""Characters that a terminal obeys, or by which it turns the order of others."""
+PAINT = re.compile(r"(\x1b\[[0-9;]*m)")
+
+
+def harmless(text: str, *, painted: bool = False) -> str:
+    """``text`` with its control characters written out, as JSON does it; colours of ``painted`` text stay."""
+    if not OBEYED.search(text):
+        return text
+    if painted:
+        return "".join(part if PAINT.fullmatch(part) else harmless(part) for part in PAINT.split(text))
+    return OBEYED.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
+
+
+def out(text: str | Iterable[str]) -> None:
     """Write a part of the result; a reader that has closed the stream changes nothing, a full disk is ``BadInput``."""
+    painted = sys.stdout.isatty()
     try:
-        sys.stdout.write(text)
+        for part in [text] if isinstance(text, str) else text:
+            sys.stdout.write(harmless(part, painted=painted))
         sys.stdout.flush()
     except BrokenPipeError:
         _discard(sys.stdout)
@@ -38,7 +55,7 @@ def out(text: str) -> None:
 def note(text: str) -> None:
     """A line beside the result, dropped where standard error is closed or full."""
     try:
-        sys.stderr.write(text + "\n")
+        sys.stderr.write(harmless(text) + "\n")
         sys.stderr.flush()
     except (OSError, ValueError):
         _discard(sys.stderr)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from enum import StrEnum
 
@@ -189,6 +187,9 @@ def trajectory_lines(run: Trajectory, coarse: str = "") -> list[str]:
     return lines
 
 
+BLOCK = 10_000
+"""Samples that become text at once."""
+
 COLUMNS = (
     "time_s", "theta_rad", "rate_rad_per_s", "torque_nm", "toe_force_n", "heel_force_n", "cop_m", "fx_n", "fy_n",
     "fx_estimate_n", "fy_estimate_n", "slope_rad",
@@ -204,17 +205,17 @@ def columns(run: Trajectory) -> dict[str, np.ndarray | None]:
     return dict(zip(COLUMNS, arrays, strict=True))
 
 
-def csv_text(runs: Sequence[Trajectory]) -> str:
-    """Samples as CSV; with more than one run a first column names the scenario."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    several = len(runs) > 1
-    writer.writerow([*(["scenario"] if several else []), *COLUMNS])
+def csv_parts(runs: Iterable[Trajectory], *, several: bool) -> Iterator[str]:
+    """Samples as CSV, a part of the text at a time; with ``several`` runs a first column names the scenario."""
+    yield ",".join([*(["scenario"] if several else []), *COLUMNS]) + "\n"
     for run in runs:
-        parts = [
-            [""] * len(run.t) if array is None else [repr(x) if math.isfinite(x) else "" for x in array.tolist()]
-            for array in columns(run).values()
-        ]
-        head = [[run.scenario] * len(run.t)] if several else []
-        writer.writerows(zip(*head, *parts, strict=True))
-    return out.getvalue()
+        arrays = list(columns(run).values())
+        for begin in range(0, len(run.t), BLOCK):
+            within = slice(begin, begin + BLOCK)
+            count = len(run.t[within])
+            parts = [
+                [""] * count if array is None else [repr(x) if math.isfinite(x) else "" for x in array[within].tolist()]
+                for array in arrays
+            ]
+            head = [[run.scenario] * count] if several else []
+            yield "".join(",".join(row) + "\n" for row in zip(*head, *parts, strict=True))

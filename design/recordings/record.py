@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from design.errors import BadInput
+from design.errors import BadInput, one_line
 from design.model.body import Biped
 from design.recordings import posture_checks
 from design.recordings.balance_board import PLACE, with_board
@@ -157,7 +157,7 @@ class Trial:
         ]  # fmt: skip
         at = self._sampled
         return Record(
-            origin=file, sha256=self.table.sha256, biped=stood.biped, given=subject.given,
+            origin=one_line(file), sha256=self.table.sha256, biped=stood.biped, given=subject.given,
             ankle_assumed=stood.ankle_assumed, t=t, rate=self.time.rate,
             valid=self.time.all_true(good), dropouts=self.time.any_true(stood.empty),
             gaps=self.time.any_true(gaps) | ~self.time.near(), load=at(stood.load, good), F_T=at(stood.F_T, good),

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 
 from pydantic import ValidationError
 
-from design.errors import BadInput
+from design.errors import BadInput, one_line
 from design.spec.faults import did_you_mean, explain, show
 from design.spec.plausibility import remarks
 from design.spec.schema import SCHEMA_VERSION, Spec
@@ -117,7 +117,7 @@ def parse(content: str | bytes, *, origin: str) -> Source:
         raise explain(error, data, origin) from None
     raw = content.encode() if isinstance(content, str) else content
     digest = hashlib.sha256(raw).hexdigest()
-    return Source(spec=spec, text=text, origin=origin, sha256=digest, remarks=tuple(remarks(spec)))
+    return Source(spec=spec, text=text, origin=one_line(origin), sha256=digest, remarks=tuple(remarks(spec)))
 
 
 def _placed(said: str, text: str) -> str:

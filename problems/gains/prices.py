@@ -48,15 +48,16 @@ def _levels(grid: Grid, solved: Solved) -> list[Price]:
         counts = not wish.soft or grid.goal.id == "goals"
         if not counts or wish.level == 0 or id == grid.goal.id:
             continue
-        step = PART * abs(wish.level)
-        sides = [_rows(grid, solved, id, wish.level + sign * step) for sign in (1.0, -1.0)]
+        sides = [_rows(grid, solved, id, wish.level * (1.0 + part)) for part in (PART, -PART)]
         if sides[0].shape != solved.answer.multiplier.shape:
             continue
-        slope = float(solved.answer.multiplier @ (sides[0] - sides[1])) / (2 * step)
+        # the level itself cancels: by how much v falls from minus PART to PART of it, times 1 % over 2 PART
+        fall = float(solved.answer.multiplier @ (sides[0] - sides[1]))
         found.append(
-            Price(id=id, kind="requirement", given=wish.level, unit=OBJECTIVES[id].unit,
-                  change=-slope * 0.01 * abs(wish.level))
-        )  # fmt: skip
+            Price(
+                id=id, kind="requirement", given=wish.level, unit=OBJECTIVES[id].unit, change=-fall * 0.01 / (2 * PART)
+            )
+        )
     return found
 
 

@@ -37,7 +37,7 @@ def test_a_whole_report_and_where_its_time_goes(benchmark, capsys, tmp_path):
     imports = min(_timed(bare)[1] for _ in range(3))
     source = load("slope")
     problem = setting(source.spec)
-    verdict, judging = _timed(lambda: judge(problem, problem.gains, "all"))
+    verdict, judging = _timed(lambda: judge(problem, problem.gains, "all", drawn=True))
     report = Report(source=source, setting=problem, gains=problem.gains, verdict=verdict)
     curves = loop_curves(problem, problem.gains)
     _, runs = _timed(lambda: html.svg(plots.run_figure(verdict.trajectories, problem.biped, "")))

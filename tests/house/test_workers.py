@@ -63,7 +63,12 @@ def test_a_page_is_the_same_from_another_process(tmp_path):
     source = load("slope")
     problem = setting(source.spec)
     here = as_html(
-        Report(source=source, setting=problem, gains=problem.gains, verdict=judge(problem, problem.gains, "all"))
+        Report(
+            source=source,
+            setting=problem,
+            gains=problem.gains,
+            verdict=judge(problem, problem.gains, "all", drawn=True),
+        )
     )
     page = tmp_path / "page.html"
     subprocess.run([sys.executable, "cli.py", "report", "slope", "-o", str(page)], check=True, capture_output=True)

@@ -40,6 +40,19 @@ def test_lost_contact_is_marked_and_kept_contact_is_not():
     assert "contact lost" not in _svg(_run("force", Gains(3500.0, 1200.0, 1.0)))
 
 
+def test_a_long_run_is_drawn_with_few_samples_and_every_extreme():
+    run = _run("force", Gains(3500.0, 1200.0, 1.0), duration=25.003)
+    thin = plots.thinned(run, most=500)
+    assert len(thin.t) <= 600
+    assert (np.diff(thin.t) >= 0).all()
+    assert (thin.t[0], thin.t[-1]) == (run.t[0], run.t[-1])
+    for name in ("theta", "F_T", "F_H", "tau", "P"):
+        values, kept = getattr(run, name), getattr(thin, name)
+        assert (kept.min(), kept.max()) == (values.min(), values.max())
+    assert thin.F.shape == (2, len(thin.t))
+    assert plots.thinned(run, most=len(run.t)) is run
+
+
 def test_every_axis_has_a_unit():
     figure = plots.run_figure([_run("force", Gains(3500.0, 1200.0, 1.0))], SLOPE.biped, "")
     for ax in figure.axes:

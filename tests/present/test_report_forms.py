@@ -33,7 +33,7 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 
 def _report(problem=None, gains=PAPER, source=SOURCE, extent="all"):
     problem = problem or setting(source.spec)
-    return Report(source=source, setting=problem, gains=gains, verdict=judge(problem, gains, extent))
+    return Report(source=source, setting=problem, gains=gains, verdict=judge(problem, gains, extent, drawn=True))
 
 
 PAPER_REPORT = _report()

@@ -27,6 +27,8 @@ ROW_OF_KEY = {
 }
 """The requirements that this package can judge."""
 
+APPLIED, SLOPE, FLOOR = range(3)
+"""What the force comes from, as simulator.c numbers it."""
 AT_MOST = {"torque", "torque-rate", "friction", "settling", "overshoot", "posture-error"}
 """Rows that must be at most their level; the others at least."""
 
@@ -40,12 +42,17 @@ class Scenario:
     """
 
     name: str
-    is_slope: bool
+    world: int  # APPLIED, SLOPE or FLOOR
     pieces: np.ndarray
     duration: float
     steady_from: float
     theta: float
     omega: float
+
+    @property
+    def is_slope(self):
+        """Whether the signal is an angle."""
+        return self.world == SLOPE
 
     @property
     def ends_moving(self):
@@ -152,7 +159,8 @@ def _scenario(table, M):
         points = [tuple(point) for point in table["points"]]
     pieces, steady_from = _pieces(np.array(points, dtype=float), duration)
     return Scenario(
-        name=table["name"], is_slope=kind == "slope", pieces=pieces, duration=duration, steady_from=steady_from,
+        name=table["name"], world={"slope": SLOPE, "platform": FLOOR}.get(kind, APPLIED), pieces=pieces,
+        duration=duration, steady_from=steady_from,
         theta=table.get("initial_angle_deg", 0.0) * RADIANS, omega=table.get("initial_rate_deg_per_s", 0.0) * RADIANS,
     )  # fmt: skip
 

@@ -12,6 +12,8 @@
    law force                 ... + K_f s,   s' = N (P_d - P)/ell,  ell = (toe + heel)/2: F_H - F_T       (8)-(9)
    law cop                   ... + K_f (M + m) g/ell s,   s' = P_d - P                                   (20)
    slope alpha               F_x = M g sin(alpha),   F_y = M g (1 - cos(alpha))                          (21)
+   friction                  R_x over N; on a slope and a moving floor gravity along the ground, and the floor's
+                             acceleration, pull the foot too, with m/M times F: (R_x - m/M F_x)/(N - m/M F_y)
 
    The signal (alpha, or F_x and F_y) is piecewise linear. Steps have the length `step`, end at every corner, and use
    the forces of their own piece; both sides of a jump are samples. */
@@ -19,8 +21,9 @@
 #include <math.h>
 
 enum { PD, FORCE, COP };
+enum { APPLIED, SLOPE, FLOOR };
 
-typedef struct { double M, L, I, m, toe, heel, h, g; } Body;
+typedef struct { double M, L, I, m, toe, heel, h, g, on_foot; } Body; /* on_foot: share of the force that acts on it too */
 typedef struct { int kind; double K_p, K_d, K_f, theta_d, P_d; } Law;
 typedef struct { double tau, tau_rate, alpha, s_rate, F_T, F_H, P, slip; } Instant;
 
@@ -44,18 +47,18 @@ static inline Instant evaluate(const Body *b, const Law *law, double theta, doub
     now.F_T = (b->heel * N + moment) / (2.0 * ell);
     now.F_H = (b->toe * N - moment) / (2.0 * ell);
     now.P = moment / N;
-    now.slip = R_x / N;
+    now.slip = (R_x - b->on_foot * F_x) / (N - b->on_foot * F_y);
     now.s_rate = law->kind == PD ? 0.0 : law->kind == FORCE ? (law->P_d * N - moment) / ell : law->P_d - now.P;
     now.tau_rate = -law->K_p * omega - law->K_d * now.alpha + gain * now.s_rate;
     return now;
 }
 
 /* The force (F_x, F_y) at `t` on the piece (t0, t1, first, second component at t0, the same at t1). */
-static inline void force_at(const Body *b, int is_slope, const double *piece, double t, double *F_x, double *F_y) {
+static inline void force_at(const Body *b, int world, const double *piece, double t, double *F_x, double *F_y) {
     double share = (t - piece[0]) / (piece[1] - piece[0]);
     double first = piece[2] + share * (piece[4] - piece[2]), second = piece[3] + share * (piece[5] - piece[3]);
-    *F_x = is_slope ? b->M * b->g * sin(first) : first;
-    *F_y = is_slope ? b->M * b->g * (1.0 - cos(first)) : second;
+    *F_x = world == SLOPE ? b->M * b->g * sin(first) : first;
+    *F_y = world == SLOPE ? b->M * b->g * (1.0 - cos(first)) : second;
 }
 
 static inline void lower(double *worst, double value, double t) {
@@ -105,10 +108,11 @@ static void transient(const double *times, const double *angles, int count, doub
    numbers: the body's M, L, I, m, toe, heel, h, g; law: K_p, K_d, K_f, theta_d, P_d. `worst` receives what the enum
    above lists. `times` and `angles` receive the samples; they need room for one a step and two a piece. The run is
    abandoned where a contact force is below `give_up`. Returns the number of samples. */
-int simulate(const double *numbers, int kind, const double *law_numbers, int is_slope, int count, const double *pieces,
+int simulate(const double *numbers, int kind, const double *law_numbers, int world, int count, const double *pieces,
              const double *start, double step, double steady_from, double rest, double give_up, double *worst,
              double *times, double *angles) {
-    Body b = {numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7]};
+    Body b = {numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7],
+              world == APPLIED ? 0.0 : numbers[3] / numbers[0]};
     Law law = {kind, law_numbers[0], law_numbers[1], law_numbers[2], law_numbers[3], law_numbers[4]};
     double theta = start[0], omega = start[1], s = 0.0;
     int n = 0;
@@ -121,7 +125,7 @@ int simulate(const double *numbers, int kind, const double *law_numbers, int is_
         double t = piece[0], end = piece[1], F_x, F_y, F_xm, F_ym, F_xe, F_ye;
         double near = 1e-9 * step + 1e-12 * end;
         long multiple = (long)floor(t / step + 1e-6);
-        force_at(&b, is_slope, piece, t, &F_x, &F_y);
+        force_at(&b, world, piece, t, &F_x, &F_y);
         Instant a = evaluate(&b, &law, theta, omega, s, F_x, F_y);
         for (;;) {
             if (!(fabs(theta) < M_PI_2) || !isfinite(a.F_T) || !isfinite(s)) {
@@ -140,8 +144,8 @@ int simulate(const double *numbers, int kind, const double *law_numbers, int is_
             if (multiple * step < end - near) next = multiple * step;
             /* one step of the classical Runge-Kutta method; its first stage is the sample just read */
             double h = next - t;
-            force_at(&b, is_slope, piece, t + 0.5 * h, &F_xm, &F_ym);
-            force_at(&b, is_slope, piece, next, &F_xe, &F_ye);
+            force_at(&b, world, piece, t + 0.5 * h, &F_xm, &F_ym);
+            force_at(&b, world, piece, next, &F_xe, &F_ye);
             double o2 = omega + 0.5 * h * a.alpha;
             Instant k2 = evaluate(&b, &law, theta + 0.5 * h * omega, o2, s + 0.5 * h * a.s_rate, F_xm, F_ym);
             double o3 = omega + 0.5 * h * k2.alpha;

@@ -93,7 +93,7 @@ def simulate(problem, scenario, gains, step=None, give_up=-np.inf):
     start = np.array([scenario.theta, scenario.omega])
     rest = equilibrium_angle(problem, *final_force(problem, scenario))
     count = library()(
-        problem.body.ctypes.data, KINDS.index(problem.kind), law.ctypes.data, int(scenario.is_slope),
+        problem.body.ctypes.data, KINDS.index(problem.kind), law.ctypes.data, scenario.world,
         len(scenario.pieces), scenario.pieces.ctypes.data, start.ctypes.data, step, scenario.steady_from, rest, give_up,
         worst.ctypes.data, t.ctypes.data, angles.ctypes.data,
     )  # fmt: skip

@@ -257,7 +257,8 @@ def test_the_same_seed_gives_the_same_trials_and_another_seed_others():
 
 
 def test_a_trial_that_lost_contact_tells_the_next_one_nothing():
-    steep = replace(STEP, scenarios=(replace(CHANGING.scenarios[0], signal=np.array([[math.radians(9.0)]])),))
+    fatal = slope(BIPED, name="three", angle=math.radians(9.0), ramp=0.0, duration=8.0)
+    steep = replace(STEP, scenarios=(fatal,))
     first, second = run(steep, GAINS, steep.scenarios * 2, seed=0).trials
     assert not first.kept
     assert first.reading is None

@@ -11,7 +11,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from independent import World, run, worst
+from integrator import World, run, worst
 
 from design.checking import verdict
 from design.model.laws import Gains

@@ -108,8 +108,9 @@ def ended(run: Callable[[], object], *, debug: bool, stops: tuple[type[BaseExcep
         if isinstance(stream, io.TextIOWrapper):  # files and pipes get UTF-8, whatever the locale
             stream.reconfigure(encoding=None if stream.isatty() else "utf-8", errors="backslashreplace")
     os.environ["MPLBACKEND"] = "agg"  # a notebook hands its own to the commands that it runs
+    arrived = threading.Event()
     try:
-        with insistent_interrupts():
+        with insistent_interrupts() as arrived:
             code = run()
     except PoiseError as error:
         if debug:
@@ -122,10 +123,13 @@ def ended(run: Callable[[], object], *, debug: bool, stops: tuple[type[BaseExcep
         note("poise: there is not enough memory; shorten the scenarios, lengthen the time step, or use fewer --jobs")
         return 2
     except Exception as error:
-        failed(error)
-        if debug and not is_usage(error):
-            _report(error)
-        return 2
+        if arrived.is_set():  # CasADi's glue has made another error of the interrupt
+            code = INTERRUPTED
+        else:
+            failed(error)
+            if debug and not is_usage(error):
+                _report(error)
+            return 2
     if code == INTERRUPTED:  # typer makes this exit code of an interrupt
         for child in multiprocessing.active_children():  # whatever they do: nobody waits for it
             child.kill()
@@ -190,19 +194,24 @@ def terminated_like_interrupted() -> Iterator[None]:
 
 
 @contextmanager
-def insistent_interrupts() -> Iterator[None]:
-    """Ctrl-C is raised again every half second until it comes through: CasADi's glue can swallow it."""
+def insistent_interrupts() -> Iterator[threading.Event]:
+    """Ctrl-C is raised again every half second until it comes through: CasADi's glue can swallow it or change it.
+
+    The event is set from the first one on.
+    """
+    arrived = threading.Event()
     if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
-        yield
+        yield arrived
         return
 
     def again(number: int, frame: object) -> None:
+        arrived.set()
         signal.setitimer(signal.ITIMER_REAL, 0.5)
         raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGINT, again), signal.signal(signal.SIGALRM, again)
     try:
-        yield
+        yield arrived
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGINT, before[0])

@@ -167,3 +167,17 @@ def test_output_into_a_file_is_utf_8_whatever_the_locale(tmp_path):
     done = subprocess.run([*POISE, "report", "slope", "--format", "json"], env=environment, check=False,
                           capture_output=True)  # fmt: skip
     assert "N² m² s" in done.stdout.decode("utf-8")
+
+
+def test_an_interrupt_of_which_a_library_makes_another_error_is_an_interrupt():
+    from design.present import terminal
+
+    def swallowed():
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(5)
+        except KeyboardInterrupt:
+            message = "wrong number or type of arguments"
+            raise NotImplementedError(message) from None
+
+    assert terminal.ended(swallowed, debug=False, stops=(KeyboardInterrupt,)) == 130
